@@ -6,12 +6,12 @@ INSTALLED := $(VENV)/.installed
 COMPILED := $(VENV)/.compiled
 BROWSER := $(VENV)/.browser
 JUDGE := .judge/.installed
-# Zenoh's threads, which coverage does not see, and compiled loops.
-NOT_COVERED := protocol/link/zenoh_direction.py,protocol/link/zenoh_link.py,protocol/link/zenoh_session.py,protocol/relay/zenoh_relay.py,protocol/runtime/*
+# Zenoh's threads, which coverage does not see.
+NOT_COVERED := protocol/link/zenoh_direction.py,protocol/link/zenoh_link.py,protocol/link/zenoh_session.py,protocol/relay/zenoh_relay.py
 # In the order of the folders: the longest files are among the first, and no process is left alone
 # with one of them at the end.
 PYTEST := $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
-PACKAGES := shared_model protocol encoder decoder aam loopback risorius
+PACKAGES := runtime shared_model protocol encoder decoder aam loopback risorius
 # Containers often switch bytecode off: each process that a test starts, and each worker, then
 # compiles all modules again.
 export PYTHONDONTWRITEBYTECODE :=

@@ -1,15 +1,13 @@
 """The window about a face whose pose is known, at least roughly."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.weak_pose import project
 from aam.window import FACE_CENTRE_MM, WINDOW_MM, FaceWindow, window_around
+from shared_model.arrays import Array, Picture
 
-Array = NDArray[np.float64]
 
-
-def face_window(picture: NDArray[np.uint8], pose: Array, largest_px: int) -> FaceWindow:
+def face_window(picture: Picture, pose: Array, largest_px: int) -> FaceWindow:
     """The window about a face of this weak-perspective pose (6,), at most `largest_px` a side.
 
     Faces that are smaller in the picture are not enlarged.

@@ -3,14 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.pca import LinearModel
 from aam.sampling import sample, zero_mean_unit_variance
 from aam.warps import HeadWarp, Warp, head_warp
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from shared_model.arrays import Array, Single
 
 
 @dataclass(frozen=True, slots=True, eq=False)

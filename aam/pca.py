@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 # Modes of less variance than this share of the first one's are noise of the arithmetic.
 LEAST_SHARE = 1e-9

@@ -2,13 +2,10 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.window import FaceWindow
 from encoder.appearance.photometric import NORMALISATIONS
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from shared_model.arrays import Single
 
 # Sides of the window in pixels, in terms of the atlas' side: about one pixel per texel.
 PIXELS_PER_TEXEL = 2.0

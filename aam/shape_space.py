@@ -1,12 +1,10 @@
 """The anthropometric-expression (AE) shape space (thesis 2.4.1): AAUs and EAUs in [-1, 1]."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.fitting.increments import AAU_LIMIT
+from shared_model.arrays import Array
 from shared_model.parameters import AAUS, EAU_HIGH, EAU_INDEX, EAU_LOW, EAUS
-
-Array = NDArray[np.float64]
 
 SHAPE_NAMES = (*AAUS, *(eau.name for eau in EAUS))
 SHAPE_COUNT = len(SHAPE_NAMES)

@@ -6,10 +6,7 @@ from numpy.typing import NDArray
 
 from aam.model import AppearanceModel
 from aam.warps import Warp
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture, Single
 
 # Grey level of a texture's mean, grey levels of its standard deviation, outside of the face.
 MIDDLE_GREY, CONTRAST_GREY, OUTSIDE_GREY = 120.0, 52.0, 255

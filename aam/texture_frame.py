@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from encoder.detection.landmark_indices import FACE_OVAL
-from encoder.runtime.image_ops import hull_mask
+from runtime.image_ops import hull_mask
 from shared_model.appearance import Atlas, atlas_of
 from shared_model.mesh import PARTS, generic_head
 

@@ -8,17 +8,14 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.shape_space import SHAPE_RANGE, actuators
 from aam.texture_frame import texture_frame
 from aam.weak_pose import POSE_NAMES, displaced, rotation_matrix, step_between
 from encoder.detection.landmark_indices import EYE_CORNER_PAIRS
 from encoder.fitting.landmark_fit import landmark_model
+from shared_model.arrays import Array, Indices, Single, VertexIndices
 from shared_model.mesh import generic_head
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 # Displacements of Table 2.4: shares of the face's width and height, degrees, scales.
 TRANSLATION_SHARES = (-0.1, -0.05, 0.05, 0.1)
@@ -39,9 +36,9 @@ class Warp(Protocol):
     @property
     def size(self) -> int: ...
     @property
-    def rows(self) -> NDArray[np.int32]: ...
+    def rows(self) -> VertexIndices: ...
     @property
-    def columns(self) -> NDArray[np.int32]: ...
+    def columns(self) -> VertexIndices: ...
     @property
     def pose_names(self) -> tuple[str, ...]: ...
     @property
@@ -174,7 +171,7 @@ def _activation(shape: Array) -> Array:
     return np.concatenate([aau, np.maximum(eau, 0), np.maximum(-eau, 0)])
 
 
-def _eye_corners(index: NDArray[np.intp]) -> tuple[int, int, int, int]:
+def _eye_corners(index: Indices) -> tuple[int, int, int, int]:
     at = {int(landmark): number for number, landmark in enumerate(index)}
     (right, inner_right), (left, inner_left) = EYE_CORNER_PAIRS
     return at[right], at[inner_right], at[inner_left], at[left]

@@ -10,8 +10,8 @@ the face before anything else.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array
 from shared_model.geometry import (
     FRONTAL,
     Camera,
@@ -24,8 +24,6 @@ from shared_model.geometry import (
     vector_from_quaternion,
 )
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
 
 POSE_COUNT = 6
 POSE_NAMES = ("rx", "ry", "rz", "tx", "ty", "scale")

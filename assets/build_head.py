@@ -25,9 +25,8 @@ from encoder.detection.landmarks import FaceMesh
 from encoder.detection.tflite import find_network_folder
 from shared_model.anatomy.anthropometry import aau_fields
 from shared_model.anatomy.expressions import eau_fields
+from shared_model.arrays import Array, Integers
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Stored = NDArray[Any]
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -75,7 +74,7 @@ def _full_mesh(wheel: Path | None) -> Mesh:
         return build_mesh(read_source(archive))
 
 
-def _thinned(full: Mesh) -> tuple[Mesh, Indices]:
+def _thinned(full: Mesh) -> tuple[Mesh, Integers]:
     """The head's mesh, and the triangles of its chart."""
     locked = np.zeros(len(full.vertices), bool)
     locked[list(find_landmarks(full).values())] = True
@@ -95,7 +94,7 @@ def _save_head(path: Path, arrays: dict[str, Stored]) -> None:
     np.savez_compressed(path, allow_pickle=False, **(arrays | fields(arrays)))
 
 
-def _arrays(full: Mesh, mesh: Mesh, chart: Indices, networks: Sequence[Path]) -> dict[str, Stored]:
+def _arrays(full: Mesh, mesh: Mesh, chart: Integers, networks: Sequence[Path]) -> dict[str, Stored]:
     """Everything but the fields, in its stored precision."""
     found = transfer(find_points([FaceMesh(folder) for folder in networks], full), full, mesh)
     landmarks = find_landmarks(mesh)

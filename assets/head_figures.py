@@ -6,20 +6,17 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from assets.model_figures import DOCS, save
 from benchmarks.command import run
 from decoder.rendering.render_geometry import part_colours
 from decoder.rendering.renderer import Renderer
 from risorius.animation.synthetic_skin import painted_colours
+from shared_model.arrays import Array, Picture
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, Head, generic_head
 from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 SIDE = 460
 CAMERA = Camera(SIDE, SIDE, SIDE * 4.4)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from assets.model_tables import aau_table, eau_table, reference_fields, write_tables
 from benchmarks.command import run
@@ -14,12 +13,10 @@ from decoder.rendering.renderer import Renderer
 from risorius.animation.synthetic_skin import painted_colours
 from shared_model.anatomy.expressions import EMOTIONS
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Array, Picture
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.mesh import Head, generic_head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 TILE = 168

@@ -4,15 +4,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shared_model.anatomy.anthropometry import MEASUREMENTS, measure
 from shared_model.anatomy.expressions import DOWN, UP
+from shared_model.arrays import Array, Mask
 from shared_model.errors import UserError
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
-
-Array = NDArray[np.float64]
 
 # EAU and end of its range (+ or -) -> the CC0 facial targets whose sum is its counterpart.
 COUNTERPARTS: Mapping[str, tuple[str, ...]] = {
@@ -53,14 +51,14 @@ def reference_fields(path: Path, head: Head) -> dict[str, Array]:
     }
 
 
-def face_skin(head: Head) -> NDArray[np.bool_]:
+def face_skin(head: Head) -> Mask:
     """(n,) the skin of the face: in front of the ears, down to the chin."""
     chin = head.vertices[head.landmarks["gn"], 1]
     skin = head.parts == PARTS.index("skin")
     return np.asarray(skin & (head.vertices[:, 2] > 25) & (head.vertices[:, 1] > chin - 5))
 
 
-def field_agreement(field: Array, target: Array, where: NDArray[np.bool_]) -> tuple[float, float]:
+def field_agreement(field: Array, target: Array, where: Mask) -> tuple[float, float]:
     """Cosine of two fields over the vertices `where`, and RMS difference, mm, at the best scale."""
     a, b = field[where].ravel(), target[where].ravel()
     cosine = float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))

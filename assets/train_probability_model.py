@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.array_band_decoder import ArrayBandDecoder
 from benchmarks.command import run
 from protocol.call_file import CallReader
 from protocol.entropy.range_coder import PROBABILITY_ONE
@@ -28,7 +29,7 @@ from protocol.pictures.coefficient_coding import STEP_OUTPUTS, UNARY_LIMIT
 from protocol.pictures.coefficient_context import CodingPass, CoefficientContext, tile_sums
 from protocol.pictures.layered_background import background_pictures
 from protocol.pictures.picture_codec import parse_picture_header, plane_shapes
-from protocol.pictures.plane_decoding import ArrayBandDecoder, decode_planes
+from protocol.pictures.plane_decoding import decode_planes
 from protocol.pictures.probability_model import (
     CLASS_COUNT,
     CLASS_STARTS,
@@ -43,9 +44,8 @@ from protocol.pictures.probability_model import (
 )
 from protocol.pictures.subband_coding import PictureSequence
 from protocol.pictures.subband_pyramid import SubbandPyramid
+from shared_model.arrays import Array, Integers, Picture, Single, VertexIndices
 
-Array = NDArray[np.float32]
-Integers = NDArray[np.int64]
 OUTPUT = Path(__file__).parents[1] / "protocol" / "data" / "probability_model.npz"
 # Of the networks of tiles, sizes and signs: hidden units, epochs, weight decay.
 HIDDEN, ROUNDS, DECAY = (16, 40, 24), (6, 14, 12), (0.0, 0.0, 1e-3)
@@ -64,8 +64,8 @@ class Samples:
     """
 
     features: NDArray[np.int16]
-    classes: NDArray[np.uint8]
-    outcomes: NDArray[np.uint8]
+    classes: Picture
+    outcomes: Picture
 
     def __len__(self) -> int:
         return len(self.outcomes)
@@ -85,7 +85,7 @@ class ContextRecorder(PictureSequence):
 
     def __init__(self, kind: int) -> None:
         super().__init__(kind)
-        self.asked: list[tuple[int, BandPosition, CodingPass, NDArray[np.float64]]] = []
+        self.asked: list[tuple[int, BandPosition, CodingPass, Array]] = []
 
     def predict_tiles(
         self, around: CoefficientContext, site: BandPosition, turn: CodingPass
@@ -119,14 +119,12 @@ class ContextRecorder(PictureSequence):
         self.asked.clear()
 
 
-def _all_features(
-    features: NDArray[np.float64], site: BandPosition, turn: CodingPass
-) -> NDArray[np.int16]:
+def _all_features(features: Array, site: BandPosition, turn: CodingPass) -> NDArray[np.int16]:
     whole = np.array([site.pass_features(turn)] * len(features))
     return np.concatenate([features, whole], 1).astype(np.int16)
 
 
-def _classes(site: BandPosition, turn: CodingPass) -> NDArray[np.uint8]:
+def _classes(site: BandPosition, turn: CodingPass) -> Picture:
     same = np.array([site.class_rows(turn)] * len(turn.rows))
     cells = np.column_stack(turn.position_cells) + np.array(CLASS_STARTS[-2:])
     return np.concatenate([same, cells], 1).astype(np.uint8)
@@ -169,8 +167,8 @@ class Weights:
     first: (f + CLASS_COUNT, h).  last: (h + 1, outputs).
     """
 
-    first: Array
-    last: Array
+    first: Single
+    last: Single
 
 
 def train(samples: Samples, hidden: int, outputs: int, rounds: int, decay: float) -> Weights:
@@ -202,7 +200,7 @@ def train(samples: Samples, hidden: int, outputs: int, rounds: int, decay: float
     return weights
 
 
-def gradient(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Array, Array]:
+def gradient(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Single, Single]:
     """Gradient of the mean code length of the chosen samples, by `first` and by `last`."""
     given, hidden, stops = forward(weights, samples, chosen)
     stopped, asked = outputs_and_decisions(samples.outcomes[chosen], weights.last.shape[1])
@@ -212,7 +210,7 @@ def gradient(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Arra
     return given.T @ back, ahead
 
 
-def forward(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Array, Array, Array]:
+def forward(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Single, Single, Single]:
     """Inputs (n, i), hidden values (n, h) and probabilities (n, outputs) of zeros."""
     count = samples.features.shape[1]
     given = np.zeros((len(chosen), count + CLASS_COUNT), np.float32)
@@ -223,7 +221,7 @@ def forward(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Array
     return given, hidden, 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
 
 
-def outputs_and_decisions(sizes: NDArray[np.uint8], outputs: int) -> tuple[Array, Array]:
+def outputs_and_decisions(sizes: Picture, outputs: int) -> tuple[Single, Single]:
     """(n, outputs) number of zeros decided by each output, and number of its decisions."""
     if outputs == 1:
         return (sizes == 0)[:, None].astype(np.float32), np.ones((len(sizes), 1), np.float32)
@@ -247,7 +245,7 @@ def code_length_bits(weights: Weights, samples: Samples) -> float:
     return total
 
 
-def integer_weights(weights: Weights) -> dict[str, NDArray[np.int32]]:
+def integer_weights(weights: Weights) -> dict[str, VertexIndices]:
     """The weights in the integers of `probability_model.Mlp`."""
     count = len(weights.first) - CLASS_COUNT
     unit, hidden_unit = 2**WEIGHT_BITS, 2**HIDDEN_BITS
@@ -270,7 +268,7 @@ def main(arguments: Sequence[str]) -> None:
     )
     options: Any = parser.parse_args(arguments)
     calls, others = ([read_call(p) for p in ps] for ps in (options.calls, options.held_out))
-    stored: dict[str, NDArray[np.int32]] = {}
+    stored: dict[str, VertexIndices] = {}
     outputs = (1, len(set(STEP_OUTPUTS)), 1)
     for index, name in enumerate(ProbabilityModels.__slots__):
         ours = concatenated([samples for call in calls for samples in call[index]])

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.command import run
 from benchmarks.fitted_clip import FittedClip, fit_clip
@@ -30,15 +29,12 @@ from protocol.frames.temporal_prediction import (
     STEPS_PER_UNIT,
     CodedFrame,
     FramePredictor,
-    Integers,
     coding_order,
     reconstruct,
     step,
 )
 from protocol.limits import SEQUENCE_MODULUS
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Integers
 
 ROWS = (
     "8 bits a parameter, over its range",

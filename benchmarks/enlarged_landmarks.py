@@ -12,11 +12,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.annotation.annotate import list_images
 from aam.annotation.landmark_search import StillLandmarks
 from benchmarks.command import run, warn
+from shared_model.arrays import Array
 from shared_model.errors import UserError
 
 ENLARGEMENT = 4
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str]) -> None:
                 writer.writerow([name, *(f"{value:.3f}" for value in points.ravel())])
 
 
-def enlarged_landmarks(network: StillLandmarks, path: Path) -> NDArray[np.float64] | None:
+def enlarged_landmarks(network: StillLandmarks, path: Path) -> Array | None:
     """(468, 2) pixels of the picture, None without a face.  Raises `UserError`."""
     picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if picture is None:

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.face_crop import crop_face
 from encoder.capture.video_source import Capture, open_source
@@ -22,11 +21,9 @@ from encoder.learning.person_model import TrainingOptions, build_person_model
 from protocol.call_parameters import CallParameters
 from protocol.frames.frame_transform import FrameTransform, vector_from_face
 from shared_model.animate import Face
+from shared_model.arrays import Array, Picture
 from shared_model.parameters import FaceParameters
 from shared_model.surround import head_with_surround
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)

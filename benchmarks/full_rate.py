@@ -13,7 +13,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.command import run, warn
 from benchmarks.track_synthetic import track_frame
@@ -24,14 +23,11 @@ from encoder.capture.video_source import Capture, open_source
 from encoder.coding.model_packet import budget_for, build_thesis_model_packet, call_parameters
 from encoder.tracking.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
 from loopback.quality.video_quality import TrackedFaceMask
+from shared_model.arrays import Array, Mask, Picture
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
 from shared_model.parameters import FaceParameters
 from shared_model.stage_timer import StageTimer
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Picture = NDArray[np.uint8]
 
 # The standard deviation of the illumination's edge outside the face, in picture widths.
 EDGE_SIGMA = 0.01

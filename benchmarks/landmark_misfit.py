@@ -10,7 +10,6 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.command import run
 from encoder.capture.video_source import open_source
@@ -20,11 +19,10 @@ from encoder.detection.tflite import find_network_folder
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity
 from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, landmark_model, personalise
+from shared_model.arrays import Array
 from shared_model.geometry import pixel_from_head
 from shared_model.mesh import generic_head
 from shared_model.parameters import EAU_INDEX, EAUS, THESIS_EAUS, FaceParameters
-
-Array = NDArray[np.float64]
 
 # The network has no iris landmarks: the gaze EAUs would fit the eyelids.
 GAZE_EAUS = ("gaze_horizontal", "gaze_vertical")

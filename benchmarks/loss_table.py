@@ -23,10 +23,11 @@ from decoder.scene.scene import Scene
 from decoder.scene.scene_parts import scene_parts
 from encoder.capture.video_source import open_source
 from loopback.quality.psnr import psnr_db, squared_error
-from loopback.quality.video_quality import Mask, Picture, TrackedFaceMask
+from loopback.quality.video_quality import TrackedFaceMask
 from loopback.report import Cell, table
 from loopback.simulated_link import SentPacket, SimulatedLink, arrivals, sent_packets
 from protocol.link.interface import Arrival
+from shared_model.arrays import Mask, Picture
 from shared_model.stage_timer import StageTimer
 
 LINKS = {

@@ -16,7 +16,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.command import run, warn
 from benchmarks.track_synthetic import CONFIGURATIONS, track_frame
@@ -26,6 +25,7 @@ from encoder.tracking.detection_measurement import LandmarkMeasurer
 from encoder.tracking.ekf import FaceFilter
 from encoder.tracking.klt import KltTracker
 from encoder.tracking.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
+from shared_model.arrays import Array
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
 
@@ -82,7 +82,7 @@ def table_cells(source: str, options: TrackingOptions, count: int) -> str:
     return f"{np.median(times_ms):.1f} | {jitter_cells} | {int(np.isnan(angles).any(1).sum())}"
 
 
-def jitter(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+def jitter(angles: Array) -> Array:
     """(3,) RMS second difference of angles (t, 3) over time."""
     return np.asarray(np.sqrt(np.nanmean(np.diff(angles, 2, axis=0) ** 2, axis=0)))
 

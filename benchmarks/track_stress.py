@@ -11,19 +11,16 @@ from itertools import islice
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.command import run, warn
 from benchmarks.track_synthetic import track_frame
 from encoder.appearance.photometric import NORMALISATIONS
 from encoder.capture.video_source import open_source
 from encoder.tracking.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
+from shared_model.arrays import Picture
 from shared_model.geometry import Camera, euler_deg, pixel_from_head
 from shared_model.mesh import generic_head
 from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # Frames of the disturbance.
 DISTURBED = range(40, 65)

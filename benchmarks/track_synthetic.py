@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.command import run, warn
 from encoder.capture.video_source import open_source
@@ -21,12 +20,10 @@ from encoder.tracking.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions
 from loopback.report import write_report
 from loopback.report_page import chart, environment, page, plotly_graphs
 from risorius.animation.animate import AnimateOptions, animate
+from shared_model.arrays import Array, Picture
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
 from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 ANGLES = ("pitch", "yaw", "roll")
 THESIS_RMSE = (3.395, 4.565, 2.552, 0.095, 0.122, 0.256, 0.105)

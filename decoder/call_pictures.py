@@ -11,7 +11,6 @@ from typing import Self
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.playout.call_source import CallSource, call_name, open_packet_source
 from decoder.playout.playout import PlayoutFrame
@@ -26,11 +25,10 @@ from protocol.errors import ProtocolError
 from protocol.link.interface import MessageCallback, PacketSource, ignore_message
 from protocol.model_packet import ModelPacket
 from protocol.progressive_model import is_same_model
+from shared_model.arrays import Picture
 from shared_model.errors import LINK_FAILED, UserError
 from shared_model.parameters import FaceParameters
 from shared_model.stage_timer import StageTimer
-
-Picture = NDArray[np.uint8]
 
 # Frames by which a call file is read ahead of the picture: its models are decoded meanwhile.
 FRAMES_AHEAD = 128

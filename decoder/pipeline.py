@@ -14,9 +14,10 @@ from decoder.playout.receiver import Receiver
 from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, keeps_times, open_sink
 from decoder.sinks.source_pixels import in_source_size
 from decoder.sinks.video_file import TIMED
-from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
+from decoder.sound.sound_track import SoundTrack, open_sound_track
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import MessageCallback, ignore_message
+from shared_model.arrays import Samples
 from shared_model.stage_timer import frame_times
 
 Progress = Callable[[int, int | None], None]

@@ -11,9 +11,6 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.calls.call_session import CallSession, FramePass, run_pass
 from encoder.calls.face_search import open_landmark_search
 from encoder.calls.frame_source import FrameSource, dropping_frames
@@ -37,11 +34,12 @@ from encoder.option_rules import check_delay
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.report import EncodeReport, report_of
-from encoder.runtime.parallel import one_blas_thread, short_switch_interval
 from encoder.sound.open_voice import chosen_voice, open_voice
 from encoder.sound.voice_packer import VoicePacker
 from encoder.tracking.trackers import TRACKED_EAUS, open_tracker
 from protocol.link.interface import MessageCallback, PacketSink, ignore_message
+from runtime.parallel import one_blas_thread, short_switch_interval
+from shared_model.arrays import Array, Picture
 from shared_model.errors import NO_FACE, UserError
 from shared_model.mesh import generic_head
 
@@ -158,7 +156,7 @@ def _shown_face(
         return ShownFace()
     search = open_landmark_search(SessionStats())
 
-    def find(picture: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+    def find(picture: Picture) -> Array | None:
         found = search.find(picture, None)
         return None if found is None else found.points
 

@@ -15,7 +15,8 @@ from typing import Any, Self
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from shared_model.arrays import Picture
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 # What takes longer is stuck, however busy the machine is.
@@ -152,7 +153,7 @@ class Browser:
         for kind in ("mousePressed", "mouseReleased"):
             self.mouse(kind, left + across * width, top + height / 2)
 
-    def screenshot(self) -> NDArray[np.uint8]:
+    def screenshot(self) -> Picture:
         """The window, (h, w, 3) uint8 BGR."""
         data = base64.b64decode(self.call("Page.captureScreenshot")["data"])
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)

@@ -22,9 +22,8 @@ from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, Packet, serialise
 from protocol.progressive_model import LayerBuffer
+from shared_model.arrays import Array
 from shared_model.parameters import EAUS, LID_EAUS, THESIS_EAUS
-
-Array = NDArray[np.float64]
 
 GROUPS = ("pose", "expression", "lids", "gaze", "layers", "modes")
 # Headers and the rounding to whole bytes; packets that cannot be decoded.

@@ -5,9 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from decoder.call_pictures import CallPictures
 from decoder.playout.call_source import CallSource
 from protocol.endpoint import parse_endpoint
@@ -15,9 +12,8 @@ from protocol.errors import ProtocolError
 from protocol.limits import DEFAULT_CALL
 from protocol.security.invitation import parse_invitation
 from protocol.security.link_security import LinkSecurity
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
-
-Picture = NDArray[np.uint8]
 
 
 class TimedPicture(NamedTuple):

@@ -86,7 +86,6 @@ EXTRA_OF = {
     "aiohttp": "call",
     "filterpy": "encoder",
     "moderngl": "decoder",
-    "numba": "encoder",
     "segno": "call",
     "shtab": "completion",
     "threadpoolctl": "encoder",

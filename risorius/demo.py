@@ -7,7 +7,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.sinks.frame_sink import open_sink
@@ -23,9 +22,8 @@ from loopback.quality.region_quality import RegionQuality
 from loopback.quality.video_quality import Quality
 from loopback.report import Cell, table
 from protocol.summary import CallSummary, summarise
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
-
-Picture = NDArray[np.uint8]
 
 SHEET_COLUMNS = 6
 # Smaller pictures are enlarged by a whole number.

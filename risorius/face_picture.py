@@ -5,7 +5,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.scene.reenactment import read_model
 from decoder.scene.scene import Scene
@@ -13,10 +12,9 @@ from decoder.scene.scene_parts import scene_parts
 from protocol.errors import ProtocolError
 from risorius.animation.animate import open_actor
 from risorius.animation.animation_script import parse_script
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 from shared_model.stage_timer import StageTimer
-
-Picture = NDArray[np.uint8]
 
 GENERIC = "generic"
 CALL_SUFFIX = ".rzo"

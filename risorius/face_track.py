@@ -7,19 +7,18 @@ from pathlib import Path
 from typing import TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.video_source import Capture, open_source
-from encoder.runtime.parallel import prefetch
 from encoder.tracking.trackers import TrackingOptions, open_tracker
 from risorius.track_files import FORMATS
+from runtime.parallel import prefetch
+from shared_model.arrays import Array, Picture
 from shared_model.errors import NO_FACE, UserError
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
 from shared_model.parameters import EAUS, FaceParameters
 from shared_model.whole_file import whole_file
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int | None], None]
 
 POSE_COLUMNS = ("pitch_deg", "yaw_deg", "roll_deg", "x_mm", "y_mm", "z_mm")
@@ -135,7 +134,7 @@ def action_unit_intensities(eau: Array) -> dict[str, Array]:
     return dict(sorted(found.items(), key=lambda each: int(each[0].removeprefix("AU"))))
 
 
-def _frames(capture: Capture) -> Generator[tuple[int, NDArray[np.uint8]], None, None]:
+def _frames(capture: Capture) -> Generator[tuple[int, Picture], None, None]:
     """The frames with their numbers; those of a recorded source are read in the background."""
     yield from iter(capture) if capture.is_live else prefetch(iter(capture))
 

@@ -9,9 +9,9 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
+
 Columns = Mapping[str, Array]
 
 DIGITS = 4

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shared_model.arrays import Array
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, EAUS
 from shared_model.shape_residual import residual_basis
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array, VertexIndices
 from shared_model.mesh import PARTS, Head, generic_head, open_edges
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,13 +105,13 @@ def rim_weights(head: Head) -> Array:
     return weights
 
 
-def _skin_triangles(head: Head) -> NDArray[np.int32]:
+def _skin_triangles(head: Head) -> VertexIndices:
     on_skin = head.parts[head.triangles[:, 0]] == PARTS.index("skin")
-    found: NDArray[np.int32] = head.triangles[on_skin]
+    found: VertexIndices = head.triangles[on_skin]
     return found
 
 
-def _mouth_corner(head: Head, ends: NDArray[np.int32], place_mm: Array) -> int:
+def _mouth_corner(head: Head, ends: VertexIndices, place_mm: Array) -> int:
     """The outermost vertex of `ends`, the edge of the skin, near a position (3,), mm."""
     distance_mm = np.linalg.norm(head.vertices[ends] - place_mm, axis=1)
     near = ends[distance_mm < CORNER_MM]
@@ -126,7 +124,7 @@ def _depths() -> Array:
     return np.concatenate([np.pad(np.full(len(rim) - 2, BEHIND_MM), 1) for rim in rims])
 
 
-def _renumbered_landmarks(head: Head) -> NDArray[np.int32]:
+def _renumbered_landmarks(head: Head) -> VertexIndices:
     """`network_triangles` after the removal of the triangles that are not skin."""
     inside = head.parts[head.triangles[:, 0]] != PARTS.index("skin")
     number = np.cumsum(~inside) - 1
@@ -134,7 +132,7 @@ def _renumbered_landmarks(head: Head) -> NDArray[np.int32]:
     return np.where(head.network_triangles < 0, -1, found).astype(np.int32)
 
 
-def _triangles() -> NDArray[np.int32]:
+def _triangles() -> VertexIndices:
     """Triangles between the rims of each sheet, counter-clockwise seen from outside."""
     strips, first = [], 0
     for sheet in SHEETS:

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array, Mask, Single, VertexIndices
 from shared_model.mesh import Head
 from shared_model.triangle_coverage import covered_points
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 # Shares of the nearer and the farther pixel in an image of twice the resolution.
 NEAR, FAR = np.float32(0.75), np.float32(0.25)
@@ -30,9 +27,9 @@ class Atlas:
     """
 
     size: int
-    rows: NDArray[np.int32]
-    columns: NDArray[np.int32]
-    corners: NDArray[np.int32]
+    rows: VertexIndices
+    columns: VertexIndices
+    corners: VertexIndices
     weights: Array
 
     def points(self, vertices: Array) -> Array:
@@ -40,7 +37,7 @@ class Atlas:
         gathered = vertices[self.corners]
         return np.asarray(np.einsum("kc,kcd->kd", self.weights, gathered))
 
-    def subset(self, kept: NDArray[np.bool_]) -> "Atlas":
+    def subset(self, kept: Mask) -> "Atlas":
         """An atlas of the same size with the texels `kept` (k,) alone."""
         at = self.rows[kept], self.columns[kept]
         return Atlas(self.size, *at, self.corners[kept], self.weights[kept])
@@ -81,7 +78,7 @@ def resized(image: Single, size: int) -> Single:
     return np.asarray(rows[:, low] * (1 - across) + rows[:, low + 1] * across, np.float32)
 
 
-def pull_push_fill(image: Single, known: NDArray[np.bool_]) -> Single:
+def pull_push_fill(image: Single, known: Mask) -> Single:
     """Fill the unknown pixels of an image (h, w, c) smoothly (pull-push, Gortler et al. 1996).
 
     Each level of the pyramid is the mean of the known pixels in boxes of 2 x 2 of the finer one;

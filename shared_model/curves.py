@@ -1,9 +1,9 @@
 """Smooth curves through points, without overshoot: profiles of a face, tracks of a script."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 
 def smooth_curve(x: ArrayLike, places: ArrayLike, values: ArrayLike) -> Array:

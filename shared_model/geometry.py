@@ -14,11 +14,9 @@ the picture's right, head y is the picture's up, head z points at the camera.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array
 from shared_model.parameters import FaceParameters, Pose
-
-Array = NDArray[np.float64]
 
 # Half a turn about x: (x, y, z) -> (x, -y, -z), head axes to camera axes of a frontal face.
 FRONTAL: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 0.0)

@@ -6,12 +6,9 @@ from functools import cache
 from importlib.resources import files
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array, Mask, Picture, VertexIndices
 from shared_model.parameters import AAUS, EAUS
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int32]
 
 PARTS = (
     "skin",
@@ -47,12 +44,12 @@ class Head:
     """
 
     vertices: Array
-    triangles: Indices
+    triangles: VertexIndices
     texture_coordinates: Array
-    parts: NDArray[np.uint8]
+    parts: Picture
     opacity: Array
     landmarks: Mapping[str, int]
-    network_triangles: Indices
+    network_triangles: VertexIndices
     network_weights: Array
     eau_up: Array
     eau_down: Array
@@ -86,14 +83,14 @@ def generic_head() -> Head:
     return head
 
 
-def inside_mouth(head: Head) -> NDArray[np.bool_]:
+def inside_mouth(head: Head) -> Mask:
     """(n,) whether each vertex is one of teeth, tongue or mouth."""
     return np.isin(head.parts, [PARTS.index(part) for part in INSIDE_MOUTH])
 
 
-def open_edges(triangles: NDArray[np.int32]) -> NDArray[np.int32]:
+def open_edges(triangles: VertexIndices) -> VertexIndices:
     """(k, 2) the edges of exactly one of triangles (m, 3): the boundary of the mesh."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     edges, count = np.unique(edges, axis=0, return_counts=True)
-    found: NDArray[np.int32] = edges[count == 1]
+    found: VertexIndices = edges[count == 1]
     return found

@@ -1,12 +1,11 @@
 """Normals of a triangle mesh."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array, VertexIndices
 
 
-def vertex_normals(vertices: Array, triangles: NDArray[np.int32]) -> Array:
+def vertex_normals(vertices: Array, triangles: VertexIndices) -> Array:
     """(n, 3) unit outward normals, the area-weighted mean of each vertex' triangles.
 
     vertices: (n, 3) float64, any frame and unit.

@@ -7,15 +7,12 @@ basis functions.  Both ends compute the basis by one linear solve on the generic
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shared_model.aperture_sheets import head_with_aperture_sheets, rim_weights
+from shared_model.arrays import Array, Integers, VertexIndices
 from shared_model.mesh import PARTS, Head, generic_head
 from shared_model.parameters import EAU_INDEX
 from shared_model.surround import head_with_surround, surround_anchors
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int32]
 
 # Points of the 468-point landmark network, the midline and the subject's right; lefts are mirrored.
 CONTOUR = (
@@ -55,7 +52,7 @@ MULTIQUADRIC_MM = 10.0
 LIP_GAP_MM = 45.0
 
 
-def control_points(head: Head) -> Indices:
+def control_points(head: Head) -> VertexIndices:
     """(k,) the skin vertices nearest to `NETWORK_POINTS`, each once."""
     triangles = head.network_triangles[list(NETWORK_POINTS)]
     known = triangles >= 0
@@ -130,7 +127,7 @@ def _multiquadric(a: Array, b: Array) -> Array:
     return np.asarray(-np.sqrt(square + MULTIQUADRIC_MM**2))
 
 
-def _fixed_back_vertices(head: Head) -> NDArray[np.int64]:
+def _fixed_back_vertices(head: Head) -> Integers:
     """A few skin vertices on the back of the head and the neck, one for each cell of a grid."""
     tragion = head.vertices[head.landmarks["t_l"]]
     skin = head.parts == PARTS.index("skin")

@@ -8,13 +8,10 @@ So the appearance model includes ears, hair and anything else next to the face.
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shared_model.aperture_sheets import head_with_aperture_sheets
+from shared_model.arrays import Array, Indices, Single, VertexIndices
 from shared_model.mesh import PARTS, Head
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 # Directions from the middle of the face, degrees upwards from horizontal.
 DIRECTIONS_DEG = np.arange(50.0, -90.1, -5.0)
@@ -64,7 +61,7 @@ def head_with_surround() -> Head:
     )
 
 
-def blend_surround_seam(atlas: NDArray[np.float32]) -> NDArray[np.float32]:
+def blend_surround_seam(atlas: Single) -> Single:
     """An atlas, or a mode of one, whose strips agree where the halves of the surround meet.
 
     The texture of each half is sampled from its own side of the neck, which would leave a seam.
@@ -159,7 +156,7 @@ def _texture_coordinates_between_strips(head: Head) -> Array:
     return np.stack([middle, head.texture_coordinates[:, 1]], 1)
 
 
-def _renumbered_landmarks(head: Head, before: int) -> NDArray[np.int32]:
+def _renumbered_landmarks(head: Head, before: int) -> VertexIndices:
     """`network_triangles` after the insertion of `before` triangles in front."""
     found = head.network_triangles
     return np.where(found < 0, found, found + before).astype(np.int32)

@@ -3,10 +3,8 @@
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from shared_model.arrays import Array, Indices
 
 # Grid points that are tested at once, in arrays that fit into a cache.
 POINTS_AT_ONCE = 1 << 14

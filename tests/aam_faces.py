@@ -4,7 +4,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.annotation.annotation_file import Annotation, write_annotation
 from aam.shape_space import JAW_DROP, SHAPE_COUNT
@@ -14,10 +13,9 @@ from aam.weak_pose import project
 from aam.window import WINDOW_MM, FaceWindow
 from encoder.fitting.landmark_fit import landmark_model
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Array, Picture
 from shared_model.mesh import generic_head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
-
-Array = NDArray[np.float64]
 
 HEAD = generic_head()
 POSE = np.array([0.1, -0.15, 0.05, 100.0, 90.0, np.log(0.9)])
@@ -92,7 +90,7 @@ def _smooth_texture(random: np.random.Generator, warp: HeadWarp) -> Array:
     return np.asarray((field / field.std())[warp.rows, warp.columns])
 
 
-def _drawn(warp: HeadWarp, texture: Array, shape: Array, pose: Array) -> NDArray[np.uint8]:
+def _drawn(warp: HeadWarp, texture: Array, shape: Array, pose: Array) -> Picture:
     """(96, 96, 3) each texel a small Gaussian spot, before grey."""
     at = np.rint(4 * warp.positions(shape, pose)).astype(int).clip(0, 4 * 96 - 1)
     grey, weight = np.zeros((384, 384)), np.full((384, 384), 1e-3)

@@ -2,6 +2,8 @@
 
 import os
 
+from shared_model.arrays import Picture
+
 # As on a server, in every process that a test starts: no display.  No test needs two cores, and
 # OpenBLAS's threads, whose number it reads when NumPy is imported, wait for each other in busy
 # loops, which takes the cores from the other tests.
@@ -25,7 +27,7 @@ from shots import Shots, draw, draw_shots, talking
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.frame_times import exact_fps
-from encoder.capture.video_source import Frame, open_source
+from encoder.capture.video_source import open_source
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
@@ -60,7 +62,7 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("unhurried")
 
 Start = Callable[..., "subprocess.Popen[str]"]
-ClipFrames = Callable[[str, int], list[Frame]]
+ClipFrames = Callable[[str, int], list[Picture]]
 MakeOnce = Callable[[str, Callable[[Path], object]], Path]
 
 
@@ -119,7 +121,7 @@ def clips() -> Path:
 def clip_frames(clips: Path) -> ClipFrames:
     """The first frames of a development clip, by its name and their number."""
 
-    def read(name: str, count: int) -> list[Frame]:
+    def read(name: str, count: int) -> list[Picture]:
         with open_source(str(clips / name)) as capture:
             return [frame for _, frame in islice(capture, count)]
 

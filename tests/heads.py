@@ -1,14 +1,12 @@
 """An ellipsoid as a head, for tests that need a mesh without anatomy; projected landmarks."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Array
 from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_head
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS, FaceParameters
-
-Array = NDArray[np.float64]
 
 RADII_MM = np.array([75.0, 110.0, 95.0])
 

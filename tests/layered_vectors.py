@@ -4,7 +4,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.picture_coding.picture_encoder import encode_mode, encode_picture
 from protocol.frames.frame_transform import GEOMETRY_SIZE, FrameTransform
@@ -21,8 +20,8 @@ from protocol.pictures.layered_background import (
     serialise_layers,
 )
 from protocol.pictures.picture_codec import decode_picture, to_planes
+from shared_model.arrays import Single
 
-Single = NDArray[np.float32]
 # Motion fields and changes.
 FIELDS, CHANGES = 2, 2
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 from layered_vectors import layered_background, with_layers
-from numpy.typing import NDArray
 from vector_contents import VECTORS, expected, frames_of
 
 from encoder.picture_coding.picture_encoder import encode_mode, encode_picture
@@ -48,10 +47,10 @@ from protocol.pictures.picture_codec import (
 from protocol.pictures.probability_model import TEXTURE
 from protocol.pictures.weight_map import GRID_SIDE, encode_weight_map
 from protocol.progressive_model import stream_item
+from shared_model.arrays import Single
 from shared_model.geometry import FRONTAL
 from shared_model.parameters import AAUS, EAUS, FaceParameters, Pose
 
-Single = NDArray[np.float32]
 CALL = CallParameters(
     "default", 64, 48, 30000, 1001, 80.0, frames_per_packet=4, colour_matrix="bt709"
 )

@@ -3,13 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shared_model.anatomy.mouth import mouth_line
+from shared_model.arrays import Array, Indices, VertexIndices
 from shared_model.mesh import PARTS, Head
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,10 +22,10 @@ class Checks:
     head: Head
     lower_lip: Indices
     upper_lip: Indices
-    upper_skin: NDArray[np.int32]
+    upper_skin: VertexIndices
     teeth: Indices
-    front: NDArray[np.int32]
-    skin: NDArray[np.int32]
+    front: VertexIndices
+    skin: VertexIndices
 
     def lip_overlap_mm(self, vertices: Array) -> float:
         """How far down the upper lip hangs over the lower one, where closest; negative: open."""
@@ -50,7 +47,7 @@ class Checks:
         """How far any front tooth is in front of the lips' skin; negative: behind it."""
         return self._in_front(vertices, self.teeth, self.front)
 
-    def _in_front(self, vertices: Array, points: Indices, triangles: NDArray[np.int32]) -> float:
+    def _in_front(self, vertices: Array, points: Indices, triangles: VertexIndices) -> float:
         """How far any of the points is in front of the triangles that cover it along z."""
         corners = vertices[triangles]
         worst = -np.inf
@@ -105,7 +102,7 @@ def find_checks(head: Head) -> Checks:
     )
 
 
-def _normals(vertices: Array, triangles: NDArray[np.int32]) -> Array:
+def _normals(vertices: Array, triangles: VertexIndices) -> Array:
     a, b, c = (vertices[triangles[:, i]] for i in range(3))
     return np.asarray(np.cross(b - a, c - a))
 

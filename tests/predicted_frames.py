@@ -8,12 +8,12 @@ from protocol.frames.temporal_prediction import (
     PREDICTION_KINDS,
     STEPS_PER_UNIT,
     FramePredictor,
-    Integers,
     coding_order,
     reconstruct,
     step,
 )
 from protocol.limits import SEQUENCE_MODULUS
+from shared_model.arrays import Integers
 
 NOMINAL_FRAMES, RESERVED = 8, 6
 SCALE_CODES = np.clip(

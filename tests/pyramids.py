@@ -1,9 +1,9 @@
 """Comparison of subband pyramids."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.pictures.subband_pyramid import SubbandPyramid
+from shared_model.arrays import Integers
 
 
 def same(ours: list[SubbandPyramid], theirs: list[SubbandPyramid]) -> bool:
@@ -15,5 +15,5 @@ def same(ours: list[SubbandPyramid], theirs: list[SubbandPyramid]) -> bool:
     )
 
 
-def bands(pyramid: SubbandPyramid) -> list[NDArray[np.int64]]:
+def bands(pyramid: SubbandPyramid) -> list[Integers]:
     return [pyramid.lowpass, *(band for level in pyramid.details for band in level)]

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.face_crop import Crop
 from risorius.animation.animate import AnimateOptions, AnimateReport, animate
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Array, Picture
 from shared_model.geometry import Camera
 from shared_model.mesh import generic_head
 from shared_model.parameters import AAUS, FaceParameters, Pose
@@ -43,9 +43,9 @@ class Shots:
 
     camera: Camera
     face: Face
-    pictures: list[NDArray[np.uint8]]
+    pictures: list[Picture]
     faces: list[FaceParameters]
-    points: list[NDArray[np.float64]]
+    points: list[Array]
 
 
 def talking(
@@ -106,6 +106,6 @@ def draw_shots(folder: Path, script: str = SCRIPT) -> Shots:
     )
 
 
-def whole(picture: NDArray[np.uint8]) -> Crop:
+def whole(picture: Picture) -> Crop:
     """The crop of a whole picture."""
     return Crop(picture, 0, 0, np.ones(2))

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from layered_vectors import decoded_layers
-from numpy.typing import NDArray
 
 from decoder.playout.playout import Playout
 from protocol.frames.payload_coding import parse_payload
@@ -14,8 +13,8 @@ from protocol.model_packet import ModelPacket
 from protocol.pictures.foreground_mask import parse_background
 from protocol.pictures.layered_background import is_layered
 from protocol.pictures.picture_codec import decode_picture, parse_picture_header
+from shared_model.arrays import Single
 
-Single = NDArray[np.float32]
 VECTORS = Path(__file__).parent / "vectors"
 
 

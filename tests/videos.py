@@ -9,10 +9,10 @@ from threading import Event, Thread
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
+from shared_model.arrays import Picture
 
 
 def copy_frames(source: Path, target: Path, count: int, matrix: str = "bt601") -> None:
@@ -25,7 +25,7 @@ def copy_frames(source: Path, target: Path, count: int, matrix: str = "bt601") -
             sink.write(frame)
 
 
-def read_frames(path: Path) -> list[NDArray[np.uint8]]:
+def read_frames(path: Path) -> list[Picture]:
     """All pictures of a video, (height, width, 3) uint8 BGR."""
     with open_source(str(path)) as capture:
         return [np.asarray(frame, np.uint8) for _, frame in capture]

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.annotation.annotation_file import Annotation, read_header
 from aam.annotation.landmark_files import read_landmark_csv, read_landmark_file
@@ -19,11 +18,10 @@ from aam.annotation.originals import save_fit
 from aam.annotation.still_fit import StillFit, fit_still
 from aam.annotation.still_texture import kept_texture, kept_window
 from aam.model_file import read_model
+from shared_model.arrays import Array, Picture
 from shared_model.errors import NO_FACE, UserError, cannot_read
 from shared_model.mesh import generic_head
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 Progress = Callable[[int, int], None]
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp"}

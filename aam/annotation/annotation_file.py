@@ -14,15 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.shape_space import SHAPE_NAMES
 from aam.weak_pose import POSE_NAMES, euler_angles_deg
 from aam.window import FaceWindow
+from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError, cannot_read, cannot_write
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 FORMAT, VERSION = "risorius-annotation", 1
 _ARRAYS = (

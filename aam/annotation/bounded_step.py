@@ -5,17 +5,14 @@ to nobody; here the other values take it over.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array, Mask
 
 # Of rounding, beyond a bound.
 TOLERANCE = 1e-12
 
 
-def bounded_step(
-    normal: Array, gradient: Array, free: NDArray[np.bool_], low: Array, high: Array
-) -> Array:
+def bounded_step(normal: Array, gradient: Array, free: Mask, low: Array, high: Array) -> Array:
     """(n,) x of normal (n, n) x = gradient (n,) where low <= x <= high, each (n,); zero where it is
     not free.  What exceeds a bound stays at it, and the rest is solved again.
     """

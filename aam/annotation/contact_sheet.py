@@ -5,18 +5,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.annotation.annotation_file import Annotation, read_annotation
 from aam.shape_space import actuators
 from aam.weak_pose import project
 from encoder.fitting.landmark_fit import landmark_model
 from shared_model.animate import Face, identity_from_controls
+from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 TILE_PX = 160
 COLUMNS, ROWS = 6, 8

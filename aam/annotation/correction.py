@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.annotation.annotation_file import Annotation
 from aam.annotation.held_values import HeldValues
@@ -18,12 +17,10 @@ from aam.annotation.still_texture import kept_texture, kept_window
 from aam.shape_space import HIGH, LOW, SHAPE_COUNT, SHAPE_NAMES, actuators
 from aam.weak_pose import POSE_COUNT, perspective_pose, telephoto
 from encoder.detection.landmark_indices import LANDMARK_COUNT
+from shared_model.arrays import Picture
 from shared_model.geometry import Camera
 from shared_model.mesh import generic_head
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # How far from the picture a landmark may be put, in terms of its longer side, and the natural
 # logarithm of the largest and smallest scale.

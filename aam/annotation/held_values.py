@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.shape_space import FITTED_EAUS, SHAPE_COUNT, SHAPE_RANGE, actuators
 from aam.weak_pose import POSE_COUNT
+from shared_model.arrays import Array, Mask
 from shared_model.parameters import AAUS
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +36,7 @@ class HeldValues:
         held = self.shape[len(AAUS) :]
         return np.where(np.isnan(held), eau, held * SHAPE_RANGE[len(AAUS) :])
 
-    def free(self, controls: int) -> NDArray[np.bool_]:
+    def free(self, controls: int) -> Mask:
         """(n,) what is fitted of AAUs, controls, the fitted EAUs, rotation, x, y, log scale.
 
         controls: number of values of the residual shape.

@@ -5,11 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array
 from shared_model.errors import UserError, cannot_read
-
-Array = NDArray[np.float64]
 
 # Columns x and y of a point in an .asf file, which are shares of the picture's width and height.
 _ASF_COLUMNS = slice(2, 4)

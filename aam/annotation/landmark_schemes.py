@@ -7,11 +7,9 @@ no more than this table.  Landmarks without a counterpart, as pupils, are left o
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import FACE_OVAL, LANDMARK_COUNT
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 # Factor on the standard deviation of landmarks on the outline of the face, which slide along it.
 OUTLINE_SIGMA = 4.0

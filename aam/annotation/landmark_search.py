@@ -2,7 +2,6 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.detector import Detection
@@ -10,10 +9,8 @@ from encoder.detection.iris import IrisLandmarker
 from encoder.detection.landmarks import FaceMesh
 from encoder.detection.roi import roi_from_detection, roi_from_landmarks
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
+from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 MIN_SCORE = 0.5
 # Runs of the network; each gives the region of the next.

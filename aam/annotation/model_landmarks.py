@@ -6,15 +6,12 @@ and a candidate whose texture it cannot explain is no face.
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.model import MultiResolutionModel
 from aam.search.find_face import FaceFit, find_from_eyes, is_explained
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.detection.viola_jones import HaarDetector
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 # Margin, of the longer side, that is added where no face is found: detectors miss faces that fill
 # the picture.

@@ -3,9 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from aam.annotation.annotation_file import (
     Annotation,
     read_annotation,
@@ -13,9 +10,8 @@ from aam.annotation.annotation_file import (
     write_annotation,
 )
 from aam.annotation.correction import correct, correction_from
+from shared_model.arrays import Picture
 from shared_model.errors import UserError, cannot_write
-
-Picture = NDArray[np.uint8]
 
 ORIGINALS = "originals"
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.annotation.bounded_step import bounded_step
 from aam.annotation.held_values import HeldValues
@@ -36,12 +35,11 @@ from encoder.fitting.landmark_fit import (
     rotated_points,
 )
 from shared_model import geometry
+from shared_model.arrays import Array
 from shared_model.geometry import FRONTAL, Camera
 from shared_model.mesh import Head, generic_head
 from shared_model.parameters import AAUS, EAU_HIGH, EAU_LOW, FaceParameters, clip_eau
 from shared_model.shape_residual import residual_basis
-
-Array = NDArray[np.float64]
 
 PROJECTIONS = ("weak", "perspective")
 ITERATIONS = 15

@@ -1,18 +1,13 @@
 """What an annotation keeps of its picture: the shape-free texture and the window of the face."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from aam.annotation.still_fit import StillFit
 from aam.face_window import face_window
 from aam.window import FaceWindow
 from encoder.appearance.texture import extract_texture
 from shared_model.animate import Face, identity_from_controls
 from shared_model.appearance import atlas_of
+from shared_model.arrays import Array, Picture
 from shared_model.mesh import generic_head
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # Largest side of the window that is kept, pixels, and of the texture, texels.
 WINDOW_PX, TEXTURE_SIZE = 384, 256

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.face_window import face_window
 from aam.model import AppearanceModel, MultiResolutionModel, texture_at
@@ -12,9 +11,7 @@ from aam.sampling import normalised_luma, window_px
 from aam.search.search import SearchOptions, SearchResult, search
 from aam.warps import Warp, pose_from_eyes
 from aam.window import FaceWindow, shrunk
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 # Bound of the parameters that a level takes over from the one before it, standard deviations.
 HANDED_LIMIT = 2.0

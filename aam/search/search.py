@@ -3,13 +3,10 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.model import AppearanceModel, residual, texture_at
 from aam.warps import Warp
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from shared_model.arrays import Array, Single
 
 METHODS = ("cascade", "additive", "project-out")
 

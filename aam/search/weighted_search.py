@@ -5,15 +5,12 @@ where a search goes from there, by the inverse of their error variances.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.face_window import face_window
 from aam.model import MultiResolutionModel, texture_at
 from aam.sampling import normalised_luma, window_px
 from aam.search.search import SearchOptions, search
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 # Weight of the search: of people left out of the model, .2 to .3 leaves the least mean distance
 # from landmarks set by hand.

@@ -11,16 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.model import AppearanceModel, residual, texture_at
 from aam.training.faces import TrainingFace, rescaled
 from aam.training.ridge import fit_ridge
 from aam.warps import Warp, pose_from_eyes
-from encoder.runtime.parallel import parallel_map
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from runtime.parallel import parallel_map
+from shared_model.arrays import Array, Indices, Mask, Single
 
 # Errors of a start: shift in terms of the distance between the eyes (every other start is a far
 # one), logarithm of the scale, rotations.
@@ -38,7 +35,7 @@ class SearchStates:
     face: (N,) its index.  pose: (N, p).  c: (N, M).
     """
 
-    face: NDArray[np.intp]
+    face: Indices
     pose: Array
     c: Array
 
@@ -140,7 +137,7 @@ def residuals(
     return found
 
 
-def _second_half(faces: Sequence[TrainingFace]) -> NDArray[np.bool_]:
+def _second_half(faces: Sequence[TrainingFace]) -> Mask:
     """(faces,) whether the person is in the second half of the people."""
     people = sorted({face.person for face in faces})
     half = {person: number % 2 == 1 for number, person in enumerate(people)}

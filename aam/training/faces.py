@@ -5,16 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam import shape_space, weak_pose
 from aam.annotation.annotation_file import read_annotations
 from aam.sampling import normalised_luma, window_px
 from aam.window import FaceWindow, shrunk
-from encoder.runtime.parallel import parallel_map
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from runtime.parallel import parallel_map
+from shared_model.arrays import Array, Single
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,15 +3,12 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.model import AppearanceModel, residual, texture_at
 from aam.training.faces import TrainingFace
 from aam.warps import Warp, pose_displacements
-from encoder.runtime.parallel import parallel_map
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from runtime.parallel import parallel_map
+from shared_model.arrays import Array, Single
 
 # Displacements of c (Table 2.4), standard deviations.
 C_SIGMAS = (-1.5, -0.5, 0.5, 1.5)

@@ -13,11 +13,9 @@ from aam.synthesis import drawn_texture, face_picture, texels_picture
 from aam.training.faces import AnnotatedFace, at_resolution
 from aam.training.train import TrainingOptions
 from aam.warps import Warp
-from encoder.runtime.parallel import parallel_map
+from runtime.parallel import parallel_map
+from shared_model.arrays import Picture
 from shared_model.errors import cannot_write
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 SIDE_PX = 128
 SHOWN_MODES = 8

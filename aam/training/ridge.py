@@ -1,10 +1,8 @@
 """Ridge regression on principal components, its ridge chosen on people that were left out."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from shared_model.arrays import Array, Mask, Single
 
 # Ridges in terms of the mean square of a column of the rows, summed over the rows.
 RIDGES = (3.0, 10.0, 30.0, 100.0)
@@ -15,7 +13,7 @@ _OVERSAMPLING, _SEED, _ITERATIONS = 20, 5, 2
 
 
 def fit_ridge(
-    rows: Single, targets: Array, half: NDArray[np.bool_], ridges: tuple[float, ...] = RIDGES
+    rows: Single, targets: Array, half: Mask, ridges: tuple[float, ...] = RIDGES
 ) -> tuple[Single, Array]:
     """Weights (k, m) with targets ~ rows @ weights, and predictions (N, m) for each half of the
     rows by the other half alone.

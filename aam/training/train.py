@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.model import AppearanceModel, MultiResolutionModel, texture_at
 from aam.pca import components_under_metric, principal_components, without_first
@@ -14,10 +13,9 @@ from aam.training.faces import AnnotatedFace, TrainingFace, at_resolution, mirro
 from aam.training.prediction import additive_matrix, project_out_matrix
 from aam.warps import Warp, head_warp
 from encoder.appearance.photometric import NORMALISATIONS
-from encoder.runtime.parallel import parallel_map
+from runtime.parallel import parallel_map
+from shared_model.arrays import Array, Single
 
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 # Is told what is done and what share of all, 0..1.
 Progress = Callable[[float], None]
 

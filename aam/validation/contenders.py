@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.model import AppearanceModel
 from aam.search.find_face import find_in_window
@@ -20,8 +19,7 @@ from aam.validation.planar_warp import (
 )
 from aam.validation.samples import ANATOMICAL, Sample
 from aam.warps import HeadWarp, Warp, head_warp, pose_from_eyes
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.search.search import METHODS, SearchOptions
 from aam.training.train import TrainingOptions
@@ -21,7 +20,6 @@ from aam.validation.search_time import search_time
 from aam.validation.units.action_units import recognise, show_faces
 from aam.validation.units.expressed_faces import EXPRESSIONS, with_units
 
-Array = NDArray[np.float64]
 Tell = Callable[[str], None]
 
 # Experiments in the order of the tables; those that compare the AAM of the head with the 2D AAM.

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.annotation.annotation_file import read_annotations
 from aam.annotation.landmark_schemes import IBUG_68, from_search
@@ -20,12 +19,10 @@ from aam.annotation.still_fit import fit_still
 from aam.model import MultiResolutionModel
 from aam.search.weighted_search import weighted_landmarks
 from encoder.detection.landmark_indices import FACE_OVAL, OUTER_EYE_CORNERS
-from encoder.runtime.parallel import parallel_map
+from runtime.parallel import parallel_map
+from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 RIGHT_NME = 0.05
 WAYS = ("network", "network + AAM", "Viola-Jones + AAM")

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.model import texture_at
 from aam.training.train import combined_model
 from aam.validation.contenders import Contender
 from aam.validation.planar_warp import PLANAR_LANDMARKS, similarity
 from aam.validation.samples import ANATOMICAL, Sample
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 # Faces that are drawn at random (3.1.3).
 INSTANCES = 210

@@ -9,16 +9,12 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.annotation.landmark_schemes import IBUG_68
 from aam.texture_frame import texture_frame
 from aam.training.faces import AnnotatedFace
 from aam.window import FaceWindow
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Indices, Picture, Single, VertexIndices
 
 # Landmarks of the network that the 2D AAM uses: a scheme of 68.
 PLANAR_LANDMARKS = IBUG_68
@@ -135,9 +131,7 @@ def _turned(angle: float) -> Array:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-def _texels(
-    mean: Array, wanted: int, size: int
-) -> tuple[NDArray[np.int32], NDArray[np.int32], Array]:
+def _texels(mean: Array, wanted: int, size: int) -> tuple[VertexIndices, VertexIndices, Array]:
     """Rows, columns and places (k, 2), mm, of about `wanted` texels within the outline of the
     shape, in a square of `size`.
     """
@@ -153,7 +147,7 @@ def _texels(
     return chosen[0], chosen[1], places[inside]
 
 
-def _delaunay(points: Array) -> NDArray[np.int32]:
+def _delaunay(points: Array) -> VertexIndices:
     low, high = points.min(0) - 1, points.max(0) + 2
     corner, sides = np.floor(low).astype(int).tolist(), np.ceil(high - low).astype(int).tolist()
     division = cv2.Subdiv2D((*corner, *sides))
@@ -164,7 +158,7 @@ def _delaunay(points: Array) -> NDArray[np.int32]:
     return np.asarray(found, np.int32)
 
 
-def _barycentric(corners: Array, places: Array) -> tuple[NDArray[np.intp], Array]:
+def _barycentric(corners: Array, places: Array) -> tuple[Indices, Array]:
     """For each place (k, 2) the triangle that holds it and its weights (k, 3).
 
     corners: (t, 3, 2).

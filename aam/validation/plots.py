@@ -4,11 +4,8 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.validation.prediction_experiments import PredictionCurve
-
-Array = NDArray[np.float64]
 
 SIDE, MARGIN = 190, 34
 # Okabe and Ito's colours.

@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.model import residual, texture_at
 from aam.validation.contenders import Contender
 from aam.validation.samples import Sample
-from encoder.runtime.parallel import parallel_map
-
-Array = NDArray[np.float64]
+from runtime.parallel import parallel_map
+from shared_model.arrays import Array
 
 # Displacements of Fig. 2.20: shares of the face's width and height, scales, degrees; of Fig. 2.22.
 SHARES = (-0.1, -0.075, -0.05, -0.025, 0.025, 0.05, 0.075, 0.1)

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.annotation.annotation_file import read_annotations
 from aam.training.faces import AnnotatedFace
+from shared_model.arrays import Array
 from shared_model.parameters import AAUS
-
-Array = NDArray[np.float64]
 
 # Landmarks of the network that are anatomical, not interpolated (3.1): corners of the eyes, ends of
 # the brows, nasion, tip, wings and base of the nose, corners and middle of the lips, chin.

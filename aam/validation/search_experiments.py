@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.search.search import SearchOptions
 from aam.validation.contenders import Contender, errors, found_points, start_pose
 from aam.validation.planar_warp import PLANAR_LANDMARKS
 from aam.validation.samples import Sample
-from encoder.runtime.parallel import parallel_map
-
-Array = NDArray[np.float64]
+from runtime.parallel import parallel_map
+from shared_model.arrays import Array
 
 # A displaced start is off by this much of the distance between the eyes; the size of the model at
 # a start (3.1).

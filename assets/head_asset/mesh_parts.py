@@ -3,12 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from assets.head_asset.makehuman import Source, mirror_index
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from shared_model.arrays import Array, Integers, Mask, Picture
 
 SKIN, EYE_LEFT, EYE_RIGHT, TEETH_UPPER, TEETH_LOWER, TONGUE, MOUTH = range(7)
 # Angles from the eye's axis of the rings of an eyeball: pupil, iris, then the white; degrees.
@@ -34,9 +31,9 @@ class Mesh:
     """
 
     vertices: Array
-    triangles: Indices
-    parts: NDArray[np.uint8]
-    mirror: Indices
+    triangles: Integers
+    parts: Picture
+    mirror: Integers
     masks: dict[str, Array]
     targets: dict[str, Array]
 
@@ -73,7 +70,7 @@ def build_mesh(source: Source) -> Mesh:
     return Mesh(vertices, faces, parts, mirror, masks, targets)
 
 
-def part_mirror(vertices: Array, parts: NDArray[np.uint8]) -> Indices:
+def part_mirror(vertices: Array, parts: Picture) -> Integers:
     """(n,) mirror images that stay in their part (eyes change places)."""
     mirror = np.zeros(len(vertices), np.int64)
     for part in range(MOUTH + 1):
@@ -85,7 +82,7 @@ def part_mirror(vertices: Array, parts: NDArray[np.uint8]) -> Indices:
     return mirror
 
 
-def eyeball(points: Array) -> tuple[Array, Indices]:
+def eyeball(points: Array) -> tuple[Array, Integers]:
     """The front of a sphere through `points` (k, 3), as rings about its z axis.
 
     The same rings for both eyes, wound so that the i-th vertex of one mirrors that of the other.
@@ -109,7 +106,7 @@ def eyeball(points: Array) -> tuple[Array, Indices]:
     return np.concatenate(rings), facets if side > 0 else facets[:, [0, 2, 1]]
 
 
-def _triangulate(source: Source) -> tuple[Indices, NDArray[np.int64]]:
+def _triangulate(source: Source) -> tuple[Integers, Integers]:
     """Split each quad of the left half along its shorter diagonal and mirror the result."""
     v = source.vertices
     left = v[source.quads][:, :, 0].mean(1) > 0
@@ -125,7 +122,7 @@ def _triangulate(source: Source) -> tuple[Indices, NDArray[np.int64]]:
     return np.concatenate([half, source.mirror[half][:, [0, 2, 1]]]), np.concatenate([part, other])
 
 
-def _sockets(source: Source, triangles: Indices, skin: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _sockets(source: Source, triangles: Integers, skin: Mask) -> Mask:
     """Which triangles line the eye sockets: behind the lids' inner rims, never seen."""
     doomed = np.zeros(len(source.vertices), bool)
     edges = np.concatenate(
@@ -151,7 +148,7 @@ def _sockets(source: Source, triangles: Indices, skin: NDArray[np.bool_]) -> NDA
     return np.asarray(skin & doomed[triangles].any(1))
 
 
-def _open_neck(vertices: Array, triangles: Indices) -> NDArray[np.bool_]:
+def _open_neck(vertices: Array, triangles: Integers) -> Mask:
     """Which vertices lie on the open border of the neck, or below where it is to end."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     pairs, count = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
@@ -161,8 +158,8 @@ def _open_neck(vertices: Array, triangles: Indices) -> NDArray[np.bool_]:
 
 
 def _split(
-    vertices: Array, triangles: Indices, part: NDArray[np.int64]
-) -> tuple[Array, Indices, NDArray[np.uint8], Indices]:
+    vertices: Array, triangles: Integers, part: Integers
+) -> tuple[Array, Integers, Picture, Integers]:
     """Give every part its own vertices; also (k,) the old vertex of each new one."""
     points, faces, parts, origin = [], [], [], []
     count = 0

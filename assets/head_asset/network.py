@@ -13,10 +13,9 @@ from assets.head_asset.raster import Hits, view
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.detection.landmarks import FaceMesh
 from encoder.detection.roi import RotatedRoi, roi_from_landmarks
+from shared_model.arrays import Array, Picture
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
 
 POINTS = LANDMARK_COUNT
 CAMERA = Camera(640, 640, 2000.0)
@@ -33,7 +32,7 @@ class Sight:
     pose: Pose
     vertices: Array
     hits: Hits
-    picture: NDArray[np.uint8]
+    picture: Picture
     answers: tuple[Array, ...]
 
 
@@ -60,7 +59,7 @@ def see(
     )
 
 
-def shade(mesh: Mesh, vertices: Array, pose: Pose, hits: Hits) -> NDArray[np.uint8]:
+def shade(mesh: Mesh, vertices: Array, pose: Pose, hits: Hits) -> Picture:
     """A BGR picture of painted skin under a soft frontal light."""
     seen = hits.triangle >= 0
     triangle, weights = hits.triangle[seen], hits.weights[seen]
@@ -86,7 +85,7 @@ def vertex_normals(vertices: Array, triangles: NDArray[np.integer]) -> Array:
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
 
 
-def _find(network: FaceMesh, picture: NDArray[np.uint8], square: RotatedRoi) -> Array:
+def _find(network: FaceMesh, picture: Picture, square: RotatedRoi) -> Array:
     """(468, 2) pixels: looked for again and again where the last answer was, as in a video."""
     for _ in range(5):
         points = network.find(picture, square).points

@@ -1,11 +1,9 @@
 """Plausible colours for the bare head, so that a landmark network takes it for a face."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from assets.head_asset.mesh_parts import Mesh
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Array, Integers
 
 # RGB in [0, 1].
 SKIN = (0.86, 0.66, 0.56)
@@ -23,7 +21,7 @@ BROW_Y = (31.5, 34.0, 37.0, 37.5, 34.0, 31.0)
 BROW_HALF = (2.5, 3.5, 3.2, 2.6, 1.6, 0.8)
 
 
-def pixel_colours(mesh: Mesh, triangle: NDArray[np.int64], weights: Array) -> Array:
+def pixel_colours(mesh: Mesh, triangle: Integers, weights: Array) -> Array:
     """(k, 3) RGB of points on the neutral head given by triangle (k,) and weights (k, 3)."""
     corners = mesh.triangles[triangle]
     place = (weights[..., None] * mesh.vertices[corners]).sum(1)

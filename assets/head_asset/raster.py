@@ -5,17 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shared_model.arrays import Array, Integers
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Hits:
     """What each pixel sees: triangle (h, w) int64, -1 for none; weights (h, w, 3), barycentric."""
 
-    triangle: NDArray[np.int64]
+    triangle: Integers
     weights: Array
 
 

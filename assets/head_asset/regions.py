@@ -1,11 +1,9 @@
 """How much each place of the head matters: what is shown, how densely, how dense its texture is."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from assets.head_asset.mesh_parts import SKIN, Mesh
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Array, Integers
 
 # Over how many mm beyond the face's outline the opacity falls to 0.
 FEATHER_MM = 24.0
@@ -29,7 +27,7 @@ def beyond_outline(vertices: Array) -> Array:
     return np.asarray(np.sqrt(above**2 + behind**2 + below**2))
 
 
-def opacity(mesh: Mesh, chart: NDArray[np.int64]) -> Array:
+def opacity(mesh: Mesh, chart: Integers) -> Array:
     """(n,) 1 over the face, falling to 0 towards hair, ears and neck; 1 on all but skin.
 
     chart: (m, 3) the triangles of skin with texels; it is 0 beyond them and where they end.

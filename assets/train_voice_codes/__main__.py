@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.command import run
 from encoder.sound.sound_file import read_sound
@@ -29,9 +28,9 @@ from protocol.voice.codec2_bits import (
     VOICING_LENGTHS,
     fields_1200,
 )
+from shared_model.arrays import Integers
 from shared_model.errors import UserError
 
-Counts = NDArray[np.int64]
 Lengths = Sequence[int]
 Node = tuple[float, int, tuple[int, ...]]  # weight, smallest symbol, symbols
 
@@ -59,7 +58,7 @@ def main(arguments: Sequence[str]) -> None:
         print(f"{folder}: {bits(its_counts, in_use):.2f}, new {bits(its_counts, codes):.2f} bits")
 
 
-def counted(folder: Path) -> tuple[Counts, ...]:
+def counted(folder: Path) -> tuple[Integers, ...]:
     """How often the speech of a folder has each voicing (16,), each pitch and energy (256,), and
     each first stage of the spectrum (512,)."""
     voicing, pitch_energy = np.zeros(16, np.int64), np.zeros(256, np.int64)
@@ -86,7 +85,7 @@ def speech_frames(folder: Path) -> list[bytes]:
     return frames
 
 
-def code_lengths(counts: Counts) -> list[int]:
+def code_lengths(counts: Integers) -> list[int]:
     """Lengths of a Huffman code, (n,); `RARE` bounds them."""
     weights = counts + counts.sum() / RARE
     heap: list[Node] = [(float(weight), i, (i,)) for i, weight in enumerate(weights)]
@@ -101,7 +100,7 @@ def code_lengths(counts: Counts) -> list[int]:
     return lengths
 
 
-def bits(counts: Sequence[Counts], codes: Sequence[Lengths]) -> float:
+def bits(counts: Sequence[Integers], codes: Sequence[Lengths]) -> float:
     """Bits of a frame in the mean, with the other two stages of the spectrum."""
     coded = sum(int(each @ np.array(code)) for each, code in zip(counts, codes, strict=True))
     return 2 * STAGE_BITS + coded / int(counts[0].sum())

@@ -19,7 +19,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 import risorius
 from assets.training_faces.motion import FPS, FRAMES, make_motion, wander
@@ -32,12 +31,10 @@ from decoder.scene.scene import Scene
 from decoder.scene.scene_parts import scene_parts
 from decoder.sinks.frame_sink import open_sink
 from protocol.model_packet import ModelPacket
+from shared_model.arrays import Array, Picture
 from shared_model.geometry import multiply, normalise, quaternion_from_vector
 from shared_model.parameters import AAUS, FaceParameters, Pose
 from shared_model.stage_timer import StageTimer
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # Bytes of a model packet between these.
 MODEL_BYTES = (5500, 16000)

@@ -3,12 +3,10 @@
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array
 from shared_model.curves import smooth_curve
 from shared_model.parameters import EAU_HIGH, EAU_INDEX, EAU_LOW
-
-Array = NDArray[np.float64]
 
 FPS, FRAMES = Fraction(25), 64
 # EAU -> seconds from one key to the next, and the share of the range that keys reach.

@@ -4,13 +4,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array, Picture, Single
 from shared_model.parameters import EAU_INDEX
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 # How far these swing: light from the side and from above, highlights, tongue, teeth, features that
 # are not where the mesh has them.

@@ -4,17 +4,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from assets.training_faces.skin import smooth_noise
 from encoder.detection.segmentation import segment_person
 from encoder.detection.tflite import find_segmentation_network
 from risorius.animation.animate import open_actor
 from risorius.animation.animation_script import parse_script
+from shared_model.arrays import Picture, Single
 from shared_model.parameters import AAUS
-
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 PORTRAIT = "astronaut.png"
 # The face in the portrait: centre and half width, pixels.

@@ -14,7 +14,6 @@ from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.command import run
 from decoder.pipeline import DecodeOptions, decode
@@ -23,9 +22,8 @@ from encoder.detection.segmentation import person_probability
 from encoder.detection.tflite import find_segmentation_network
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
+from shared_model.arrays import Picture, Single
 from shared_model.errors import UserError
-
-Picture = NDArray[np.uint8]
 
 FRAMES = 48
 # When pictures of the sheet are taken, in the length of a case; height of a row, pixels.
@@ -96,7 +94,7 @@ def chair_behind_the_head(picture: Picture, time: float) -> Picture:
     return np.asarray(share * picture + (1 - share) * chair, np.uint8)
 
 
-def _share_of_person(picture: Picture) -> NDArray[np.float32]:
+def _share_of_person(picture: Picture) -> Single:
     """(h, w) 0..1 of each pixel.  Raises `UserError` without the segmentation network."""
     path = find_segmentation_network()
     if path is None:

@@ -38,12 +38,12 @@ from tempfile import TemporaryDirectory
 
 import aiohttp
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.call_delay.clip import SECONDS, is_open, write_clip, write_empty_clip
 from benchmarks.command import PROGRAM, run
 from loopback.browser import Browser, find_browser
 from loopback.process_pair import free_port
+from shared_model.arrays import Array, Integers
 from shared_model.errors import UserError
 
 # How long the two ends may take until they see each other, and how long the face then settles.
@@ -116,7 +116,7 @@ def main(argv: Sequence[str]) -> None:
 
 def measure(
     folder: Path, program: str, cameras: Sequence[Path], more: Sequence[str], seconds: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+) -> tuple[Array, Array, float]:
     """What the page notes in a call of so many seconds, see `figures`.
 
     cameras: of the end that is seen, and of the one whose page is looked at.  more: options.
@@ -139,7 +139,7 @@ def measure(
 
 
 def figures(
-    seen: NDArray[np.float64], heard: NDArray[np.float64], begun_ms: float, knows_mouth: bool = True
+    seen: Array, heard: Array, begun_ms: float, knows_mouth: bool = True
 ) -> dict[str, object]:
     """The figures from what a page has shown and played.
 
@@ -168,15 +168,13 @@ def figures(
     return found
 
 
-def minute_of(notes: NDArray[np.float64], begin_ms: float) -> NDArray[np.float64]:
+def minute_of(notes: Array, begin_ms: float) -> Array:
     """The notes (n, k) of a minute from a time on, ms."""
     after_ms = notes[:, 0] - begin_ms
     return notes[(after_ms >= 0) & (after_ms < 1000 * MINUTE_S)]
 
 
-def sound_late_ms(
-    seen: NDArray[np.float64], heard: NDArray[np.float64], begun_ms: float
-) -> tuple[int | None, list[float]]:
+def sound_late_ms(seen: Array, heard: Array, begun_ms: float) -> tuple[int | None, list[float]]:
     """By how much the sound follows the mouth, and how well either is found; see `figures`."""
     picture_s, seen_match = lag_s((seen[:, 0] - begun_ms) / 1000, -seen[:, 1])
     sound_s, heard_match = lag_s((heard[:, 0] - begun_ms) / 1000, heard[:, 1])
@@ -186,7 +184,7 @@ def sound_late_ms(
     return round(1000 * late_s) if min(match) >= MIN_MATCH else None, match
 
 
-def stages_ms(seen: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def stages_ms(seen: Array) -> dict[str, Array]:
     """The parts (n,) of the delay of each picture, see above.  seen: see `figures`."""
     shown, taken, made, waited, came = seen[:, [0, 2, 3, 4, 5]].T
     arrived, packet = made - waited, packets(seen)
@@ -200,18 +198,18 @@ def stages_ms(seen: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     }
 
 
-def packets(seen: NDArray[np.float64]) -> NDArray[np.int64]:
+def packets(seen: Array) -> Integers:
     """The number (n,) of each picture's packet, from 0 on.  seen: see `figures`."""
     arrived = seen[:, 3] - seen[:, 4]
     # Pictures of one packet have come at the same time, to the rounding of the times.
     return np.cumsum(np.diff(arrived, prepend=arrived[0]) > SAME_MS)
 
 
-def _percentiles(values: NDArray[np.float64]) -> list[int]:
+def _percentiles(values: Array) -> list[int]:
     return [round(float(np.percentile(values, each))) for each in (50, 95)]
 
 
-def lag_s(time_s: NDArray[np.float64], level: NDArray[np.float64]) -> tuple[float, float]:
+def lag_s(time_s: Array, level: Array) -> tuple[float, float]:
     """By how much a level (n,) noted at times (n,) follows the mouth of the clip, and how well.
 
     The clip may have begun long before the first frame that was encoded.

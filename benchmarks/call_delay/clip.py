@@ -5,11 +5,11 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
 from risorius.animation.animate import AnimateOptions, animate
+from shared_model.arrays import Array
 
 FPS, RATE_HZ = 25, 16000
 SECONDS = 20.0
@@ -27,7 +27,7 @@ def openings(seed: int = 5) -> list[float]:
     return [round(time_s * FPS) / FPS for time_s in times_s]
 
 
-def is_open(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+def is_open(time_s: Array) -> Array:
     """How far the mouth is open, 0 to 1, at times (n,) of the clip, which is repeated."""
     times_s, level = time_s % SECONDS, np.zeros(len(time_s))
     for start_s in openings():

@@ -22,15 +22,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.command import run
 from encoder.sound.drift_compensator import DriftCompensator
 from loopback.browser import Browser, find_browser
 from risorius.call_page.page_thread import PageThread
+from shared_model.arrays import Array
 from shared_model.errors import UserError
-
-Array = NDArray[np.float64]
 
 RATE_HZ, PIECE_S, PACKET_S, FPS = 8000, 0.02, 0.32, 25
 CARD_HZ = 16000  # of the loudspeaker's

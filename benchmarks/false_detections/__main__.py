@@ -22,8 +22,8 @@ from aam.model_file import read_model
 from benchmarks.command import run
 from encoder.capture.video_source import open_source
 from encoder.detection.viola_jones import HaarDetector
+from shared_model.arrays import Picture
 
-Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 PICTURES, SIDE = 400, 256

@@ -11,7 +11,6 @@ from functools import partial
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.command import run
 from encoder.capture.video_source import open_source
@@ -20,11 +19,8 @@ from loopback.judge.observer import person_mask
 from loopback.quality.psnr import psnr_db, squared_error
 from loopback.quality.region_quality import FRAME_INTERVAL
 from loopback.quality.video_quality import TrackedFaceMask, check_size
+from shared_model.arrays import Array, Mask, Picture
 from shared_model.errors import UserError
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Picture = NDArray[np.uint8]
 
 # Ends of the rings, pixels from the outline; below 0 in the person.
 RINGS = ((0, 6), (6, 12), (12, 24), (-6, 0), (-12, -6), (-24, -12))

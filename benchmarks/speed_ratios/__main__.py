@@ -20,10 +20,10 @@ from decoder.pipeline import DecodeOptions, decode
 from encoder.live_model.warm_up import compile_loops
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
-from encoder.runtime.parallel import one_blas_thread
 from loopback.clip_paths import CARPHONE, clip_path
 from loopback.report import Cell, table
 from loopback.toml_file import read_toml
+from runtime.parallel import one_blas_thread
 
 EXPECTED, TOLERANCE = Path(__file__).with_name("expected.toml"), 1.5
 # Stages below this many ms a frame are left out: a clock's tick is a large part of them.

@@ -6,8 +6,8 @@ import numpy as np
 
 from decoder.playout.frame_decoder import TimedFace
 from protocol.model_packet import ModelPacket
+from shared_model.arrays import Array
 from shared_model.geometry import (
-    Array,
     conjugate,
     interpolate,
     multiply,

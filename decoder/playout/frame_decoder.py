@@ -15,9 +15,10 @@ from protocol.frames.scalar_quantiser import (
     decode_thesis,
     sent_eaus,
 )
-from protocol.frames.temporal_prediction import FramePredictor, Integers
+from protocol.frames.temporal_prediction import FramePredictor
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
+from shared_model.arrays import Integers
 from shared_model.parameters import EAU_INDEX, FaceParameters
 
 

@@ -3,17 +3,13 @@
 import cv2
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.rendering.gl_context import as_float32, load_program, upload_picture
 from decoder.rendering.layer_colours import NO_CHANGE, changed_layers, with_alpha
 from decoder.rendering.render_geometry import grid_triangles, shown_triangles
+from shared_model.arrays import Array, Picture
 from shared_model.layers.light import SAME_LIGHT, Light
 from shared_model.layers.scene_motion import PICTURE_CORNERS
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
-
 
 # Where a camera shows what it has never shown the scene is mirrored at its edge: as blurred as can
 # be from this share of its sides on.

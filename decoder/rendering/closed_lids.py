@@ -9,19 +9,15 @@ skin.  Lids that have been seen are lighter than that, and are drawn as they wer
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.rendering.texture_colour import blurred
 from protocol.pictures.picture_codec import to_luma
 from shared_model.appearance import atlas_of
+from shared_model.arrays import Array, Mask, Picture, Single
 from shared_model.layers.head_motion import smoothstep
 from shared_model.mesh import PARTS
 from shared_model.parameters import LIDS
 from shared_model.surround import head_with_surround
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Texture = NDArray[np.uint8]
 
 # Skin is averaged over about so much of the side of the atlas, what is drawn of a lid over so much.
 REACH, NEAR = 1 / 10, 1 / 24
@@ -39,7 +35,7 @@ CLOSING, CLOSED, LEAST_LIGHT = 0.4, 0.75, 0.55
 class ClosedLids:
     """The least luma of a caller's closed lids, from a mean texture (size, size, 3) BGR."""
 
-    def __init__(self, mean: Texture) -> None:
+    def __init__(self, mean: Picture) -> None:
         size = len(mean)
         self._area, weights, is_around = _lid_texels(size)
         known = is_around.astype(np.float32)[..., None]
@@ -50,7 +46,7 @@ class ClosedLids:
         self._weights, self._least = weights, np.asarray(LEAST_LIGHT * luma, np.float32)
         self._sigma = NEAR * size
 
-    def lightened(self, texture: Texture, lids: Array) -> Texture:
+    def lightened(self, texture: Picture, lids: Array) -> Picture:
         """A texture (size, size, 3) of the caller with its lids lightened.
 
         lids: (2,) actuators of the eyelids, left and right, 1 closed.
@@ -69,7 +65,7 @@ class ClosedLids:
 
 
 @cache
-def _lid_texels(size: int) -> tuple[tuple[slice, slice], Single, NDArray[np.bool_]]:
+def _lid_texels(size: int) -> tuple[tuple[slice, slice], Single, Mask]:
     """Where the lids are in an atlas of `size` texels a side.
 
     Returns the rows and columns around them; (2, rows, columns) how much a texel there belongs to

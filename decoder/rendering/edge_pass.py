@@ -2,14 +2,12 @@
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.rendering.edge_strips import VERTEX_FLOATS, edge_strips, edges_of
 from decoder.rendering.gl_context import as_float32, load_program
 from decoder.rendering.render_geometry import grid_quads, teeth_falloff
+from shared_model.arrays import Array
 from shared_model.mesh import Head, inside_mouth
-
-Array = NDArray[np.float64]
 
 # The head covers so much of a pixel in whose middle its edge is.
 HALF_PX = 0.5

@@ -9,14 +9,10 @@ one colour sample a pixel.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from protocol.runtime.jit import jit
+from runtime.jit import jit
+from shared_model.arrays import Array, Mask, Single, VertexIndices
 from shared_model.mesh import Head, inside_mouth
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Indices = NDArray[np.int32]
 
 # Floats of a vertex of a strip: position in clip coordinates (3), texture coordinates (2), opacity,
 # light, and distance from the edge, pixels.
@@ -27,7 +23,7 @@ BEHIND = 6e-4
 MITRE = 2.0
 
 
-def welded(head: Head) -> Indices:
+def welded(head: Head) -> VertexIndices:
     """(n,) for each vertex the first one at its place: there are several at a seam of the atlas."""
     _, first, place = np.unique(head.vertices, axis=0, return_index=True, return_inverse=True)
     return np.asarray(first[place.reshape(-1)], np.int32)
@@ -43,10 +39,10 @@ class EdgeMesh(NamedTuple):
     weld: (n,), see `welded`.
     """
 
-    triangles: Indices
-    edges: Indices
+    triangles: VertexIndices
+    edges: VertexIndices
     outside: int
-    weld: Indices
+    weld: VertexIndices
 
 
 def edges_of(head: Head) -> EdgeMesh:
@@ -123,7 +119,7 @@ def _flattened(clip: Array, size: tuple[int, int], vertices: Array) -> Array:
 
 
 @jit
-def _facing(flat: Array, triangles: Indices) -> NDArray[np.bool_]:
+def _facing(flat: Array, triangles: VertexIndices) -> Mask:
     """(m,) whether each triangle faces the camera: counter-clockwise where y points up."""
     facing = np.empty(len(triangles), np.bool_)
     for t in range(len(triangles)):
@@ -134,7 +130,9 @@ def _facing(flat: Array, triangles: Indices) -> NDArray[np.bool_]:
 
 
 @jit
-def _picture_edges(flat: Array, mesh: EdgeMesh, found: Indices, normals: Array) -> tuple[int, int]:
+def _picture_edges(
+    flat: Array, mesh: EdgeMesh, found: VertexIndices, normals: Array
+) -> tuple[int, int]:
     """Find the edges of the picture; returns how many there are outside the mouth, and of all.
 
     flat: (n, 3), see `_flattened`.
@@ -164,7 +162,7 @@ def _picture_edges(flat: Array, mesh: EdgeMesh, found: Indices, normals: Array) 
 
 
 @jit
-def _corners(found: Indices, normals: Array, weld: Indices) -> Array:
+def _corners(found: VertexIndices, normals: Array, weld: VertexIndices) -> Array:
     """(n, 2) how a welded vertex moves if edges move outwards by 1; 0 where they do not agree.
 
     found, normals: see `_picture_edges`.

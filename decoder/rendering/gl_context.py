@@ -6,12 +6,9 @@ from typing import Any
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array, Picture, Single
 from shared_model.errors import UserError
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 
 def create_context() -> moderngl.Context:
@@ -76,6 +73,6 @@ def upload_picture(
     return texture
 
 
-def as_float32(array: Any) -> NDArray[np.float32]:
+def as_float32(array: Any) -> Single:
     """The array as buffers and uniforms take it."""
     return np.ascontiguousarray(array, dtype=np.float32)

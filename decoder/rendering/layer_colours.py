@@ -4,11 +4,9 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Picture
 from shared_model.layers.light import PIVOT_GREY, SAME_LIGHT, Light
-
-Picture = NDArray[np.uint8]
 
 # The grey level of a change that stands for no change.
 NO_CHANGE = 128

@@ -1,12 +1,10 @@
 """Light inside the mouth, for textures that do not include it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array
 from shared_model.layers.head_motion import smoothstep
 from shared_model.mesh import Head
-
-Array = NDArray[np.float64]
 
 # Light inside the mouth when the lips are closed; at this distance of the lips it is 1.
 CLOSED_MOUTH_LIGHT = 0.35

@@ -2,15 +2,11 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array, Picture, Single, VertexIndices
 from shared_model.geometry import Camera, matrix_from_quaternion
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
-Triangles = NDArray[np.int32]
 
 # Depth that is drawn before and behind the head's origin, but nothing nearer than NEAR_MM.
 DEPTH_RANGE_MM = 500.0
@@ -49,7 +45,7 @@ def clip_from_head(camera: Camera, pose: Pose) -> Array:
     return clip_from_camera @ camera_from_head
 
 
-def drawing_order(head: Head) -> tuple[Triangles, tuple[int, int, int]]:
+def drawing_order(head: Head) -> tuple[VertexIndices, tuple[int, int, int]]:
     """All triangles (m, 3) in the order in which they are drawn; and where in it kinds of them end.
 
     Those of skin and surround without transparency; with some; wholly transparent ones.  These hide
@@ -78,22 +74,22 @@ def part_colours(head: Head) -> Picture:
     return np.array([PART_COLOURS[part] for part in PARTS], dtype=np.uint8)[head.parts]
 
 
-def grid_triangles(rows: int, columns: int) -> Triangles:
+def grid_triangles(rows: int, columns: int) -> VertexIndices:
     """(m, 3) two triangles for each cell of a grid of points, row by row."""
     corner = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]
     return np.stack([a, b, c, b, d, c], axis=-1).reshape(-1, 3)
 
 
-def grid_quads(count: int) -> Triangles:
+def grid_quads(count: int) -> VertexIndices:
     """(2 * count, 3) two triangles for each of `count` quadrilaterals of four vertices."""
     first = 4 * np.arange(count, dtype=np.int32)[:, None, None]
     return (first + np.array([(0, 1, 2), (0, 2, 3)], np.int32)).reshape(-1, 3)
 
 
 def shown_triangles(
-    triangles: Triangles, coordinates: NDArray[np.float32], picture: Picture
-) -> tuple[Triangles, Triangles]:
+    triangles: VertexIndices, coordinates: Single, picture: Picture
+) -> tuple[VertexIndices, VertexIndices]:
     """Those of triangles (m, 3) on which a picture has no transparency; and those with some.
 
     Those on which it is wholly transparent are left out.

@@ -12,7 +12,6 @@ from typing import Any
 import cv2
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.rendering.background_pass import BackgroundPass
 from decoder.rendering.edge_pass import EdgePass
@@ -31,15 +30,13 @@ from decoder.rendering.render_geometry import (
     part_colours,
     teeth_falloff,
 )
+from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, matrix_from_quaternion
 from shared_model.layers.light import Light
 from shared_model.mesh import Head, inside_mouth
 from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # An atlas with more texels per pixel is averaged (mipmaps); any other one is sampled bilinearly, as
 # the encoder does when it fits the face.

@@ -9,16 +9,13 @@ stays as it was sent.
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.pictures.picture_codec import LUMA_BGR, from_planes, to_planes
-from protocol.runtime.jit import jit
+from runtime.jit import jit
 from shared_model.appearance import atlas_of
+from shared_model.arrays import Integers, Picture, Single
 from shared_model.mesh import PARTS
 from shared_model.surround import head_with_surround
-
-Single = NDArray[np.float32]
-Texture = NDArray[np.uint8]
 
 # Parts of the head, each with colours of its own around a texel; all others are left as they are.
 COLOURED_PARTS = ("skin", "surround")
@@ -45,7 +42,7 @@ BLUE, GREEN, RED = map(np.float32, LUMA_BGR)
 class LocalColours:
     """The colours of a mean texture (size, size, 3) uint8 BGR around each of its texels."""
 
-    def __init__(self, mean: Texture) -> None:
+    def __init__(self, mean: Picture) -> None:
         size = len(mean)
         part_of = _parts(size)
         planes = to_planes(mean.astype(np.float32), 1.0)
@@ -82,7 +79,7 @@ class LocalColours:
         planes[..., 1:] += missing[..., None] * expected
         return from_planes(planes, 1.0)
 
-    def texture(self, added: Single) -> Texture:
+    def texture(self, added: Single) -> Picture:
         """Mean and what modes add (size * size * 3,), within the colours nearby."""
         drawn = np.empty(self._mean.shape, np.uint8)
         _limited(self._mean, added.reshape(-1, 3), self._low, self._high, drawn)
@@ -90,7 +87,7 @@ class LocalColours:
         return drawn.reshape(size, size, 3)
 
 
-def _parts(size: int) -> NDArray[np.int64]:
+def _parts(size: int) -> Integers:
     """(size, size) the part at each texel of the atlas, an index of `PARTS`; -1: none."""
     head, part_of = head_with_surround(), np.full((size, size), -1)
     atlas = atlas_of(head, size)
@@ -115,7 +112,7 @@ def blurred(planes: Single, sigma: float) -> Single:
 
 
 @jit
-def _limited(mean: Single, added: Single, low: Single, high: Single, drawn: Texture) -> None:
+def _limited(mean: Single, added: Single, low: Single, high: Single, drawn: Picture) -> None:
     """Write mean + added (k, 3), BGR, its colour differences within low and high (k, 2) x luma."""
     half, slack, zero = np.float32(0.5), np.float32(SLACK_GREY), np.float32(0)
     for k in range(len(mean)):

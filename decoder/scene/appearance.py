@@ -21,6 +21,7 @@ from protocol.pictures.picture_codec import (
     is_picture,
     parse_picture_header,
 )
+from shared_model.arrays import Array, Picture, Single
 from shared_model.surround import blend_surround_seam
 
 # An image of a few kilobytes may state any size; this limits the memory of its decoding.
@@ -115,14 +116,12 @@ class AppearanceModel:
         self._damaged = None
         self._modes = _ModeRows(mean.size)
 
-    def _to_atlas(self, image: NDArray[Any]) -> NDArray[np.float32]:
+    def _to_atlas(self, image: NDArray[Any]) -> Single:
         """A decoded picture as an atlas of the head."""
         atlas = image.astype(np.float32)
         return blend_surround_seam(atlas) if self._has_surround else atlas
 
-    def synthesise(
-        self, coefficients: NDArray[np.float64], lids: NDArray[np.float64] | None = None
-    ) -> NDArray[np.uint8]:
+    def synthesise(self, coefficients: Array, lids: Array | None = None) -> Picture:
         """The atlas (size, size, 3) uint8 BGR.
 
         coefficients: (m,) of the modes, or empty for the mean; those of modes that have not been
@@ -134,7 +133,7 @@ class AppearanceModel:
             return texture
         return self._lids.lightened(texture, lids)
 
-    def _with_modes(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
+    def _with_modes(self, coefficients: Array) -> Picture:
         if not coefficients.size:
             return self._mean
         flat = coefficients[: len(self._modes)].astype(np.float32) @ self._modes.rows
@@ -163,11 +162,11 @@ class _ModeRows:
         return self._count
 
     @property
-    def rows(self) -> NDArray[np.float32]:
+    def rows(self) -> Single:
         """The rows."""
         return self._memory[: self._count]
 
-    def with_row(self, row: NDArray[np.float32]) -> "_ModeRows":
+    def with_row(self, row: Single) -> "_ModeRows":
         """These rows and one more (size,)."""
         longer = copy(self)
         if self._written[0] != self._count:
@@ -179,7 +178,7 @@ class _ModeRows:
         return longer
 
 
-def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> NDArray[np.uint8]:
+def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> Picture:
     """The picture (h, w, 3) uint8 BGR in `data`, of the picture codec or a WebP file.
 
     name: of the picture, for the message.
@@ -207,7 +206,7 @@ def _weight_map(texture: bytes) -> bytes:
     return parse_picture_header("texture", texture).weight_map if is_picture(texture) else b""
 
 
-def _check_square(name: str, image: NDArray[np.uint8]) -> None:
+def _check_square(name: str, image: Picture) -> None:
     height, width = image.shape[:2]
     if width != height or width < 2:
         raise ProtocolError(f"{name} is {width}x{height}, expected a square of at least 2x2")

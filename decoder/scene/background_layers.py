@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.scene.appearance import decode_image
-from protocol.pictures.foreground_mask import Mask, parse_background
+from protocol.pictures.foreground_mask import parse_background
 from protocol.pictures.layered_background import (
     FIELD_CODES_PER_PX,
     decode_changes,
@@ -19,11 +18,8 @@ from protocol.pictures.layered_background import (
     parse_layers,
 )
 from shared_model.appearance import pull_push_fill
+from shared_model.arrays import Array, Mask, Picture, Single
 from shared_model.layers.soft_mask import opacity
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 # Feathering of the mask, in its cells, and the range of the feathered mask over which alpha rises
 # from 0 to 1.  It starts low: hair outside the mask moves with the head.

@@ -1,18 +1,15 @@
 """The layers behind the face in each frame: how the person moves, and how both layers change."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.rendering.layer_colours import NO_CHANGE
 from decoder.scene.background_layers import BackgroundLayers
 from protocol.pictures.layered_background import LIGHT_COEFFICIENTS, SCENE_COEFFICIENTS
+from shared_model.arrays import Array, Picture
 from shared_model.layers.head_motion import BackgroundMesh
 from shared_model.layers.layer_motion import fields_at_mesh, own_motion
 from shared_model.layers.light import Light, light_of
 from shared_model.layers.scene_motion import moved_corners
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 
 class LayerMotion:

@@ -7,21 +7,18 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.rendering.mouth_shading import mouth_shading
 from decoder.rendering.render_geometry import NEAR_MM
 from decoder.rendering.renderer import Renderer
 from decoder.scene.scene_parts import SceneParts
 from protocol.model_packet import ModelPacket
+from shared_model.arrays import Array, Picture
 from shared_model.geometry import camera_from_head
 from shared_model.layers.head_motion import warp
 from shared_model.layers.light import Light
 from shared_model.parameters import LIDS, FaceParameters, Pose
 from shared_model.stage_timer import StageTimer
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # The outline of the face fades into the background over a pixel; drawn wider by so much, the face
 # reaches its contour in the background picture.

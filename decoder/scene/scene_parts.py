@@ -13,7 +13,6 @@ from itertools import count
 from threading import Condition
 
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.rendering.render_geometry import NEAR_MM
 from decoder.scene.appearance import AppearanceModel, go_on
@@ -27,6 +26,7 @@ from protocol.pictures.picture_codec import decode_picture, serialise_picture_he
 from protocol.pictures.probability_model import TEXTURE
 from protocol.progressive_model import is_same_model
 from shared_model.animate import Face, identity_from_controls
+from shared_model.arrays import Array
 from shared_model.geometry import Camera, camera_from_head
 from shared_model.layers.head_motion import (
     BackgroundMesh,
@@ -37,8 +37,6 @@ from shared_model.mesh import Head, generic_head
 from shared_model.parameters import Pose
 from shared_model.shape_residual import residual_basis
 from shared_model.surround import head_with_surround
-
-Array = NDArray[np.float64]
 
 # A picture takes 3 bytes a pixel, its buffers 8, and several pictures are queued.
 MAX_PICTURE_PX = 4096 * 4096

@@ -9,15 +9,11 @@ from threading import Thread
 from typing import BinaryIO, Protocol, Self
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from decoder.sinks.video_file import CODECS, TIMED, VideoFile
 from decoder.sinks.y4m_stream import Y4mStream
+from shared_model.arrays import Picture, Samples
 from shared_model.errors import UserError, cannot_write
-
-Samples = NDArray[np.int16]
-Picture = NDArray[np.uint8]
 
 # Pictures and pieces of sound that may wait for a `ThreadedSink`.
 MAX_QUEUED_WRITES = 6

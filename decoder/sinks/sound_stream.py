@@ -3,12 +3,10 @@
 from typing import Literal
 
 import av
-import numpy as np
 from av.audio.stream import AudioStream
 from av.container import OutputContainer
-from numpy.typing import NDArray
 
-Samples = NDArray[np.int16]
+from shared_model.arrays import Samples
 
 SOUND_CODECS: dict[str, Literal["flac", "pcm_s16le", "aac", "libopus"]] = {
     ".mkv": "flac",

@@ -2,9 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Picture
 
 
 def in_source_size(picture: Picture, size: tuple[int, int]) -> Picture:

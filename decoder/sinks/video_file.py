@@ -18,16 +18,13 @@ from av.video.reformatter import (
     VideoReformatter,
 )
 from av.video.stream import VideoStream
-from numpy.typing import NDArray
 
 from decoder.sinks import matroska_aspect
 from decoder.sinks.sound_stream import SoundStream
 from decoder.sinks.y4m_stream import LUMA_SPAN, LUMA_WEIGHTS
 from protocol.frames.frame_times import TICKS_PER_FRAME
+from shared_model.arrays import Picture, Samples
 from shared_model.errors import UserError
-
-Samples = NDArray[np.int16]
-Picture = NDArray[np.uint8]
 
 # Container -> codec.  FFV1 is lossless.
 CODECS: dict[str, Literal["ffv1", "libx264", "libvpx-vp9"]] = {

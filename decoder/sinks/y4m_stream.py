@@ -6,10 +6,8 @@ from typing import BinaryIO, Self
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Samples = NDArray[np.int16]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Picture, Samples, Single
 
 # Weights of B', G', R' in Y' by BT.601 and BT.709.
 LUMA_WEIGHTS = {"bt601": (0.114, 0.587, 0.299), "bt709": (0.0722, 0.7152, 0.2126)}
@@ -72,7 +70,7 @@ class Y4mStream:
         self._stream.flush()
 
 
-def ycbcr_from_bgr(colour_matrix: str) -> NDArray[np.float32]:
+def ycbcr_from_bgr(colour_matrix: str) -> Single:
     """(3, 4) rows for Y', Cb and Cr of B, G, R in 0..255 and 1; in the range of video.
 
     Raises `ValueError` for a matrix that is not known.

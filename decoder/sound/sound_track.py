@@ -3,14 +3,12 @@
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.sound.call_speech import CallSpeech
 from decoder.sound.speech_decoder import open_speech_decoder, voice_is_decodable
 from decoder.sound.voice_decoder import VoiceDecoder
 from protocol.call_parameters import CallParameters
-
-Samples = NDArray[np.int16]
+from shared_model.arrays import Samples
 
 
 class SoundTrack:

@@ -7,12 +7,10 @@ from typing import Protocol
 import av
 import numpy as np
 from av.audio.codeccontext import AudioCodecContext
-from numpy.typing import NDArray
 
 from protocol.errors import ProtocolError
 from protocol.voice.voice_block import CODEC2_MODES, CODEC2_RATE_HZ, SPEECH_FRAMES_PER_SECOND
-
-Samples = NDArray[np.int16]
+from shared_model.arrays import Samples
 
 # Opus decodes at its own rate, whatever that of the encoder is.
 OPUS_OUTPUT_RATE_HZ = 48000

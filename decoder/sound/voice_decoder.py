@@ -1,14 +1,12 @@
 """From speech frames to sound: decoded in order; what is missing or silent fades out."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.sound.call_speech import CallSpeech
 from decoder.sound.speech_decoder import SpeechDecoder
 from protocol.errors import ProtocolError
 from protocol.voice.voice_block import SPEECH_FRAMES_PER_SECOND
-
-Samples = NDArray[np.int16]
+from shared_model.arrays import Samples
 
 # Gain of a frame that repeats the one before it, and below which nothing is left of it.
 FADE, INAUDIBLE = 0.7, 0.05

@@ -4,19 +4,16 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.capture.face_crop import Crop
 from encoder.detection.landmark_indices import FACE_OVAL, face_outline
-from encoder.runtime.image_ops import hull_mask, sample_bicubic
-from encoder.runtime.parallel import parallel_map
+from runtime.image_ops import hull_mask, sample_bicubic
+from runtime.parallel import parallel_map
 from shared_model.appearance import Atlas
+from shared_model.arrays import Array, Mask, Single
 from shared_model.mesh import OUTER_LIPS, PARTS, Head
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 # Weight of texels outside the face's outline: hair and neck.
 OUTSIDE_WEIGHT = 0.03
@@ -52,7 +49,7 @@ def _soft_hull(head: Head, atlas: Atlas, landmarks: Sequence[int]) -> Single:
     return np.asarray(np.clip(2 * soft[atlas.rows, atlas.columns], 0, 1), np.float32)
 
 
-def _is_mouth(head: Head, atlas: Atlas) -> NDArray[np.bool_]:
+def _is_mouth(head: Head, atlas: Atlas) -> Mask:
     """(k,) whether each texel belongs to the cavity of the mouth."""
     return np.asarray(head.parts[atlas.corners[:, 0]] == PARTS.index("mouth"))
 

@@ -7,12 +7,10 @@ from collections.abc import Callable, Mapping
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_f32
+from shared_model.arrays import Picture, Single
 
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 # Maps a picture, (h, w, 3) uint8 BGR or (h, w) uint8 luma, to grey levels (h, w) float32.
 Normalisation = Callable[[Picture], Single]
 

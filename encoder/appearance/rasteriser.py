@@ -5,12 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.runtime.jit import jit
+from runtime.jit import jit
+from shared_model.arrays import Array, Mask, Single, VertexIndices
 
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 Indices = NDArray[np.integer]
-Bools = NDArray[np.bool_]
 
 # Triangles with less than twice this area in the picture, pixels^2, are seen edge-on.
 MIN_DOUBLE_AREA_PX2 = 1e-9
@@ -35,7 +33,7 @@ class Fragments:
         """(d, p) the values of vertices (d, n), interpolated at every pixel."""
         return _interpolate(values, self.corners, self.weights)
 
-    def select(self, chosen: Bools) -> "Fragments":
+    def select(self, chosen: Mask) -> "Fragments":
         """The fragments that are chosen (p,)."""
         return Fragments(self.pixels[chosen], self.corners[:, chosen], self.weights[:, chosen])
 
@@ -54,9 +52,7 @@ def _interpolate(values: Single, corners: Indices, weights: Single) -> Single:
     return interpolated
 
 
-def rasterise(
-    points_px: Array, depth: Array, triangles: NDArray[np.int32], mask: Bools
-) -> Fragments:
+def rasterise(points_px: Array, depth: Array, triangles: VertexIndices, mask: Mask) -> Fragments:
     """The nearest front-facing triangle in each pixel of a mask (h, w).
 
     points_px: (n, 2) vertices in the picture, y down.  depth: (n,) > 0, along the camera's axis.
@@ -75,10 +71,10 @@ def rasterise(
 def _rasterise(
     points_px: Array,
     depth: Array,
-    triangles: NDArray[np.int32],
-    mask: Bools,
+    triangles: VertexIndices,
+    mask: Mask,
     inverse_depth: Array,
-    triangle: NDArray[np.int32],
+    triangle: VertexIndices,
     weights: Single,
 ) -> None:
     """Write the inverse depth, the triangle's index (h, w) and the weights (3, h, w) of pixels."""

@@ -8,18 +8,15 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from protocol.runtime.jit import jit
+from runtime.jit import jit
 from shared_model import geometry
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
+from shared_model.arrays import Array, Indices, Mask, Single
 from shared_model.geometry import Camera
 from shared_model.mesh import PARTS
 from shared_model.parameters import EAUS, FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 
 class ShapeFreeFrame:
@@ -50,7 +47,7 @@ class ShapeFreeFrame:
     def __len__(self) -> int:
         return len(self.on_face)
 
-    def subset(self, kept: NDArray[np.bool_]) -> "ShapeFreeFrame":
+    def subset(self, kept: Mask) -> "ShapeFreeFrame":
         """The same of the texels `kept` (k,) alone."""
         frame = copy(self)
         frame.atlas, frame.flat_index = self.atlas.subset(kept), self.flat_index[kept]
@@ -85,7 +82,7 @@ class ShapeFreeFrame:
         return grid.reshape(2, self.atlas.size, -1)
 
     def image_jacobian(
-        self, texels: "ProjectedTexels", gradient: Single, active: NDArray[np.intp]
+        self, texels: "ProjectedTexels", gradient: Single, active: Indices
     ) -> Single:
         """(6 + a, k) derivative of the picture's values at the texels by the face's parameters.
 
@@ -120,9 +117,7 @@ class ProjectedTexels:
 
 
 @jit
-def _animate(
-    neutral: Single, fields: Single, support: NDArray[np.intp], activation: Single
-) -> Single:
+def _animate(neutral: Single, fields: Single, support: Indices, activation: Single) -> Single:
     """(3, k) points `neutral` displaced by the fields (n, 3, k) times their activations (n,)."""
     animated = neutral.copy()
     for number in range(len(activation)):
@@ -160,7 +155,7 @@ def _project(
 
 
 @jit
-def _scatter(grid: Single, indices: NDArray[np.intp], positions: Single) -> None:
+def _scatter(grid: Single, indices: Indices, positions: Single) -> None:
     """Write positions (k, 2) to a grid (2, n) at indices (k,)."""
     for k in range(len(indices)):
         grid[0, indices[k]], grid[1, indices[k]] = positions[k, 0], positions[k, 1]
@@ -168,7 +163,7 @@ def _scatter(grid: Single, indices: NDArray[np.intp], positions: Single) -> None
 
 @jit
 def directional_jacobian(
-    fields: Single, support: NDArray[np.intp], chosen: NDArray[np.intp], gradient: Single
+    fields: Single, support: Indices, chosen: Indices, gradient: Single
 ) -> Single:
     """(a, k) how a picture changes under points that move along fields, per unit of each field.
 
@@ -187,7 +182,7 @@ def directional_jacobian(
     return products
 
 
-def support_ranges(nonzero: NDArray[np.bool_]) -> NDArray[np.intp]:
+def support_ranges(nonzero: Mask) -> Indices:
     """(n, 2) first index and end of the nonzero part of each row (n, k)."""
     first = nonzero.argmax(1)
     end = nonzero.shape[1] - nonzero[:, ::-1].argmax(1)
@@ -195,7 +190,7 @@ def support_ranges(nonzero: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 
 @jit
-def warp_jacobian(grid: Single, indices: NDArray[np.intp]) -> Single:
+def warp_jacobian(grid: Single, indices: Indices) -> Single:
     """(4, n) derivatives of texel positions: of x and y by column, then of x and y by row.
 
     grid: (2, size, size) positions, see `ShapeFreeFrame.to_grid`.

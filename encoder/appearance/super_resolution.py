@@ -5,16 +5,12 @@ difference between picture and drawn texture is added back to the texels, a few 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFreeFrame, texel_jacobian
 from encoder.capture.face_crop import Crop
-from encoder.runtime.bilinear import bilinear_weights
-from protocol.runtime.jit import jit
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Indices = NDArray[np.intp]
+from runtime.bilinear import bilinear_weights
+from runtime.jit import jit
+from shared_model.arrays import Array, Indices, Mask, Single, VertexIndices
 
 ITERATIONS = 4
 RELAXATION = 0.9
@@ -30,7 +26,7 @@ def back_projected(
     crop: Crop,
     positions: Single,
     colours: Single,
-    visible: NDArray[np.bool_],
+    visible: Mask,
 ) -> Single:
     """(k, c) texel colours whose drawing reproduces the crop.
 
@@ -86,7 +82,7 @@ def _back_project(texture: Single, texels: Single, size: int, target: Single) ->
 
 
 def inverse_warp(
-    shape_free: ShapeFreeFrame, positions: Single, visible: NDArray[np.bool_], size: tuple[int, int]
+    shape_free: ShapeFreeFrame, positions: Single, visible: Mask, size: tuple[int, int]
 ) -> tuple[Indices, Single]:
     """The texel that each pixel of the face shows.
 
@@ -104,9 +100,9 @@ def inverse_warp(
 @jit
 def _splat(
     positions: Single,
-    columns: NDArray[np.int32],
-    rows: NDArray[np.int32],
-    visible: NDArray[np.bool_],
+    columns: VertexIndices,
+    rows: VertexIndices,
+    visible: Mask,
     height: int,
     width: int,
 ) -> tuple[Array, int]:

@@ -2,10 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Single = NDArray[np.float32]
+from shared_model.arrays import Mask, Single
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +16,6 @@ class Template:
     modes: Single
     weight: Single
 
-    def subset(self, kept: NDArray[np.bool_]) -> "Template":
+    def subset(self, kept: Mask) -> "Template":
         """The template of the texels `kept` (k,) alone."""
         return Template(self.mean[kept], self.modes[:, kept], self.weight[kept])

@@ -7,15 +7,13 @@ of `rasteriser`, which the visibility of vertices and of pixels is taken from, a
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from protocol.runtime.jit import jit
+from runtime.jit import jit
 from shared_model import geometry
 from shared_model.appearance import Atlas
+from shared_model.arrays import Array, Mask, VertexIndices
 from shared_model.mesh import Head
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
 
 # Least cosine between a visible texel's normal and the direction to the camera.
 FACING_COSINE = 0.1
@@ -29,7 +27,7 @@ DEPTH_GRID_HALF = 192
 
 def visible_texels(
     head: Head, atlas: Atlas, pose: Pose, vertices: Array, cell_mm: float = DEPTH_CELL_MM
-) -> NDArray[np.bool_]:
+) -> Mask:
     """(k,) whether the camera sees each texel: it faces the camera and nothing occludes it.
 
     vertices: (n, 3) mm, head frame.
@@ -42,11 +40,11 @@ def visible_texels(
 @jit
 def _visible_texels(
     camera_mm: Array,
-    corners: NDArray[np.int32],
+    corners: VertexIndices,
     weights: Array,
     centre_mm: Array,
     cell_mm: float,
-) -> NDArray[np.bool_]:
+) -> Mask:
     """See `visible_texels`.  camera_mm: (n, 3) vertices.  corners, weights: (k, 3) of the texels.
     centre_mm: (3,) the head's translation."""
     count = len(corners)
@@ -82,7 +80,7 @@ def _visible_texels(
 
 @jit
 def _point_and_facing(
-    camera_mm: Array, corners: NDArray[np.int32], weights: Array, k: int
+    camera_mm: Array, corners: VertexIndices, weights: Array, k: int
 ) -> tuple[float, float, float, float]:
     """Position of texel number k, mm, camera axes, and the cosine between its normal and the
     direction to the camera."""

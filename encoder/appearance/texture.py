@@ -2,20 +2,15 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.texel_visibility import visible_texels
-from encoder.runtime.image_ops import sample_bicubic
+from runtime.image_ops import sample_bicubic
 from shared_model import geometry
 from shared_model.appearance import Atlas, pull_push_fill
+from shared_model.arrays import Array, Mask, Picture, Single
 from shared_model.geometry import Camera
 from shared_model.mesh import PARTS, Head, inside_mouth
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
-Texels = NDArray[np.float32]
-Picture = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
 
 # Colours of the inside of the mouth where no frame shows it, BGR, under the reference illuminant.
 DEFAULT_COLOURS = {
@@ -77,7 +72,7 @@ def extract_texture(
     return np.clip(np.rint(pull_push_fill(image, known)), 0, 255).astype(np.uint8)
 
 
-def _mirror(image: Texels, known: Bools, atlas: Atlas, is_skin: Bools) -> None:
+def _mirror(image: Single, known: Mask, atlas: Atlas, is_skin: Mask) -> None:
     """Copy unknown texels of the skin from the other half of the face, in place.
 
     image: (size, size, 3).  known: (size, size).  is_skin: (k,) of the atlas' texels.
@@ -90,7 +85,7 @@ def _mirror(image: Texels, known: Bools, atlas: Atlas, is_skin: Bools) -> None:
     known |= mirrored
 
 
-def _neighbourhood_coverage(atlas: Atlas, chosen: Bools) -> Texels:
+def _neighbourhood_coverage(atlas: Atlas, chosen: Mask) -> Single:
     """(k,) the share of chosen texels (k,) among the neighbours of each texel."""
     grid = np.zeros((atlas.size, atlas.size), np.float32)
     grid[atlas.rows, atlas.columns] = chosen
@@ -99,7 +94,7 @@ def _neighbourhood_coverage(atlas: Atlas, chosen: Bools) -> Texels:
     return np.asarray(coverage[atlas.rows, atlas.columns], np.float32)
 
 
-def _illuminant(eyes: Texels) -> Texels:
+def _illuminant(eyes: Single) -> Single:
     """(3,) BGR of the light, relative to the reference, from the colours (n, 3) of the eyes.
 
     Skin would tell less, because its own colour varies more than that of the eyes.
@@ -110,7 +105,7 @@ def _illuminant(eyes: Texels) -> Texels:
     return np.asarray(np.clip(white, MIN_ILLUMINANT, MAX_ILLUMINANT), np.float32)
 
 
-def default_colours(head: Head, atlas: Atlas) -> Texels:
+def default_colours(head: Head, atlas: Atlas) -> Single:
     """(k, 3) BGR: `DEFAULT_COLOURS` of texels inside the mouth, nan elsewhere."""
     part = head.parts[atlas.corners[:, 0]]
     colours = np.full((len(part), 3), np.nan, dtype=np.float32)

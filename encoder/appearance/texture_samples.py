@@ -5,21 +5,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFreeFrame, warp_jacobian
 from encoder.appearance.texel_visibility import DEPTH_CELL_MM, visible_texels
 from encoder.capture.face_crop import Crop
-from encoder.runtime.image_ops import sample_bicubic
-from encoder.runtime.parallel import parallel_map
-from protocol.runtime.jit import jit
+from runtime.image_ops import sample_bicubic
+from runtime.jit import jit
+from runtime.parallel import parallel_map
 from shared_model.appearance import pull_push_fill
+from shared_model.arrays import Array, Mask, Single
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Bools = NDArray[np.bool_]
 
 # No texel's footprint exceeds this multiple of the median.
 MAX_FOOTPRINT = 4
@@ -35,7 +31,7 @@ class TextureSamples:
     """
 
     colours: Single
-    visible: Bools
+    visible: Mask
     weight: Single
 
 
@@ -54,7 +50,7 @@ def sample_textures(
     workers: see `parallel_map`.
     """
 
-    def sample(view: tuple[Crop, FaceParameters, Array]) -> tuple[Single, Bools, Single]:
+    def sample(view: tuple[Crop, FaceParameters, Array]) -> tuple[Single, Mask, Single]:
         crop, face, mesh = view
         positions = shape_free.positions(face)
         in_crop = crop.to_crop_px(positions)
@@ -96,7 +92,7 @@ def mean_texture(shape_free: ShapeFreeFrame, samples: TextureSamples, default: S
 
 
 @jit
-def _mean_of_visible(colours: Single, visible: Bools, default: Single) -> Single:
+def _mean_of_visible(colours: Single, visible: Mask, default: Single) -> Single:
     """(k, c) mean of colours (t, k, c) where a texel is visible (t, k), nowhere: `default`."""
     total, count = np.zeros_like(default), np.zeros(len(default), np.int64)
     for frame in range(len(colours)):

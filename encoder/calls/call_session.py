@@ -3,12 +3,8 @@
 from collections.abc import Iterable
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.calls.session_callbacks import Progress
-
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Picture
 
 
 class FramePass(Protocol):

@@ -1,8 +1,5 @@
 """Finds the landmarks of one face in each frame; reports what is missing or ambiguous."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.calls.session_stats import SessionStats
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.iris import TRAINED_CROP_SCALE
@@ -11,9 +8,8 @@ from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.person.followed_face import FollowedFace
 from encoder.person.scene_cuts import CutDetector
 from encoder.tracking.detection_measurement import warn_of_several_faces
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
-
-Picture = NDArray[np.uint8]
 
 SWITCHED = "another face is followed: the one before never moved, or is much smaller"
 

@@ -8,15 +8,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Event
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
-from encoder.runtime.parallel import prefetch
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+from runtime.parallel import prefetch
+from shared_model.arrays import Array, Picture
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,6 @@ import time
 from collections.abc import Callable
 from math import inf
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.calls.face_search import open_landmark_search, warn_of_long_search
 from encoder.calls.frame_source import FrameDelay, SeenFrame
 from encoder.calls.model_lifecycle import ModelLifecycle, ModelState
@@ -34,9 +31,7 @@ from encoder.learning.face_sample import FaceSample
 from encoder.live_model.learner import Learner
 from encoder.live_model.other_face import ShownFace
 from encoder.person.person_watch import PersonWatch, Verdict
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 # Frames that are left out until it is known whose face they have; a face that is turned away for
 # longer is taken for the same.

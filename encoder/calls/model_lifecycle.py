@@ -25,9 +25,6 @@ from concurrent.futures import Future
 from dataclasses import replace
 from enum import StrEnum
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.packet_sender import LEAD_PACKETS
 from encoder.calls.session_stats import SessionStats
@@ -43,12 +40,11 @@ from encoder.live_model.model_schedule import ModelSchedule
 from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.other_face import ShownFace
 from encoder.live_model.training_frames import TrainingFrames
+from shared_model.arrays import Array, Picture
 from shared_model.parameters import FaceParameters
 
 _log = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # Frames to train from, and up to twice as many; fewer where frames do not wait for the training: on
 # average of seven clips these cost .02 dB, and half the time.

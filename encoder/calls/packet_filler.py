@@ -4,14 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.learning.face_sample import FaceSample
+from shared_model.arrays import Array
 from shared_model.geometry import interpolate
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
 
 # Modes come about a tenth of a second after the frames that show what is missing: a packet may wait
 # so long after its last frame.

@@ -13,7 +13,6 @@ from itertools import groupby
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.calls.face_search import open_landmark_search
 from encoder.calls.packet_sender import PacketSender
@@ -27,9 +26,7 @@ from encoder.coding.rate_control import packet_spans
 from encoder.person.person_watch import PersonWatch, Verdict
 from protocol.call_parameters import CallParameters
 from protocol.limits import MAX_MODEL_VERSIONS, SEQUENCE_MODULUS
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 
 class RecordedEncoder:

@@ -9,9 +9,6 @@ from dataclasses import replace
 from fractions import Fraction
 from math import ceil
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.calls.face_search import warn_of_long_search
 from encoder.calls.packet_sender import LEAD_PACKETS, PacketSender
 from encoder.calls.session_stats import SessionStats
@@ -27,11 +24,10 @@ from encoder.tracking.trackers import FaceTracker
 from protocol.frames.scalar_quantiser import THESIS_RATE_HZ, encode_thesis
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
+from shared_model.arrays import Picture
 from shared_model.geometry import interpolate
 from shared_model.mesh import generic_head
 from shared_model.parameters import FaceParameters
-
-Picture = NDArray[np.uint8]
 
 SAMPLE_S = 1 / THESIS_RATE_HZ
 

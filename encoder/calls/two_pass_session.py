@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import takewhile
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.face_crop import Crop, crop_face
@@ -34,17 +33,16 @@ from encoder.learning.absence import AbsenceWatch
 from encoder.learning.frame_sampler import DENSE_FRAMES, UniformSubsampler
 from encoder.learning.hidden_faces import HandWatch, SampleHands, without_hands
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
-from encoder.runtime.parallel import worker_pool
 from protocol.call_parameters import CallParameters
 from protocol.model_packet import ModelPacket
+from runtime.parallel import worker_pool
 from shared_model.animate import Face
+from shared_model.arrays import Array, Picture
 from shared_model.parameters import FaceParameters
 from shared_model.surround import head_with_surround
 
 _log = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # Frames of the second pass whose fits are under way or done when the next frame is read.
 MAX_IN_FLIGHT = 32
@@ -270,9 +268,7 @@ class TwoPassEncoder:
         base = layers.base
         return EncodedCall(base, payloads, frames, lost, empty, layers, stopped_at - 1)
 
-    def _code(
-        self, values: Array, scale_codes: NDArray[np.uint8], bitrate: float
-    ) -> tuple[bytes, ...]:
+    def _code(self, values: Array, scale_codes: Picture, bitrate: float) -> tuple[bytes, ...]:
         """Payloads of the frame packets, from the components (t, n) of the coded frames."""
         gop = self._gop
         target = RateTarget(bitrate, float(gop.coded_fps(self._capture.fps)), gop.frames_per_packet)

@@ -5,11 +5,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
-
-Frame = NDArray[np.uint8]
 
 DEVICES = Path("/dev")
 
@@ -46,7 +44,7 @@ class Camera:
         """See `Reader`: there are none."""
         return []
 
-    def read(self) -> Frame | None:
+    def read(self) -> Picture | None:
         """The next picture (h, w, 3) uint8 BGR; None when it gives none any more."""
         ok, frame = self._video.read()
         return np.asarray(frame, dtype=np.uint8) if ok else None

@@ -5,10 +5,8 @@ Luma of float colours, without rounding: `protocol.pictures.picture_codec.to_lum
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
-Single = NDArray[np.float32]
+from shared_model.arrays import Picture, Single
 
 
 def luma_u8(picture: Picture) -> Picture:

@@ -8,13 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.runtime.image_ops import hull_mask
 from protocol.pictures.picture_codec import to_luma
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
+from runtime.image_ops import hull_mask
+from shared_model.arrays import Array, Mask, Picture, Single
 
 # Width of the margin around the points, in terms of their larger extent.
 MARGIN = 0.3

@@ -8,6 +8,7 @@ import numpy as np
 
 from protocol.frames.frame_times import MAX_TICKS, TICKS_PER_FRAME, TimesPacket
 from protocol.limits import MAX_TICK_STEP, MAX_TIMED_FRAMES
+from shared_model.arrays import Array
 
 # A source whose frames come no further from their times at a constant rate than this share of a
 # frame, or than the rounding to milliseconds of some containers, has a constant rate.
@@ -61,7 +62,7 @@ def frame_times(times_s: Sequence[Fraction], stated_fps: Fraction) -> FrameTimes
     return FrameTimes(mean_fps, _ticks(shown_s * float(mean_fps)))
 
 
-def _ticks(shown_frames: np.typing.NDArray[np.float64]) -> tuple[int, ...]:
+def _ticks(shown_frames: Array) -> tuple[int, ...]:
     """Deviations in ticks, each within `MAX_TICK_STEP` of the one before.
 
     shown_frames: (n,) times in frames of the mean rate.

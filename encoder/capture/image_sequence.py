@@ -6,11 +6,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
-
-Frame = NDArray[np.uint8]
 
 _NUMBER_FIELD = re.compile(r"%0?\d*d")
 _RATE = re.compile(r"(?P<pattern>.*%0?\d*d.*)@(?P<rate>\d+(?:\.\d+)?(?:/\d+)?)")
@@ -37,7 +35,7 @@ class ImageSequence:
         """See `Reader`: there are none."""
         return []
 
-    def read(self) -> Frame | None:
+    def read(self) -> Picture | None:
         """The next picture (h, w, 3) uint8 BGR; None after the last.  Raises `UserError`."""
         path = next(self._paths, None)
         if path is None:

@@ -14,10 +14,11 @@ import numpy as np
 
 from encoder.capture.frame_times import FrameTimes
 from encoder.capture.picture_size import MAX_PICTURE_PX, letterboxed, reduced
-from encoder.capture.video_source import Capture, Frame, open_source
+from encoder.capture.video_source import Capture, open_source
+from shared_model.arrays import Picture
 
 # Stands for a frame while the camera is off.
-NO_PICTURE: Frame = np.zeros((0, 0, 3), np.uint8)
+NO_PICTURE: Picture = np.zeros((0, 0, 3), np.uint8)
 # A frame may come by so many periods before its time; one that comes sooner is left out.
 EARLY_FRAMES = 0.8
 # How long who waits for a frame waits at once: Python handles Ctrl-C in between.
@@ -38,7 +39,7 @@ class FrameMailbox:
     def __init__(self, fps: Fraction, clock: Callable[[], float] = time.monotonic) -> None:
         self._period_s, self._clock = float(1 / fps), clock
         self._changed = Condition()
-        self._newest: tuple[float, Frame] | None = None
+        self._newest: tuple[float, Picture] | None = None
         self._last_s: float | None = None  # when a frame was put in
         self._is_off = self._is_closed = False
         self._error: BaseException | None = None
@@ -48,7 +49,7 @@ class FrameMailbox:
         """Whether no further frame is taken."""
         return self._is_closed
 
-    def put(self, picture: Frame, time_s: float) -> None:
+    def put(self, picture: Picture, time_s: float) -> None:
         """A frame (h, w, 3) uint8 BGR, taken at `time_s` of the clock; replaces one not taken."""
         with self._changed:
             self._newest, self._last_s = (time_s, picture), self._clock()
@@ -66,7 +67,7 @@ class FrameMailbox:
             self._is_closed, self._error = True, error
             self._changed.notify_all()
 
-    def take(self) -> tuple[float, Frame] | None:
+    def take(self) -> tuple[float, Picture] | None:
         """Wait for a frame and the time at which it was taken; None after the last one."""
         with self._changed:
             while not self._is_closed:
@@ -102,7 +103,7 @@ class _FirstPicture:
         """See `Reader`: there are none."""
         return []
 
-    def read(self) -> Frame | None:
+    def read(self) -> Picture | None:
         while (taken := self._mailbox.take()) is not None:
             if taken[1].size:
                 return taken[1]
@@ -138,7 +139,7 @@ class LiveCapture(Capture):
         """The time of frame 0; None before it is taken."""
         return self._start_s
 
-    def __iter__(self) -> Iterator[tuple[int, Frame]]:
+    def __iter__(self) -> Iterator[tuple[int, Picture]]:
         """Yield (index, frame); frames of another size are fitted into that of the first."""
         upcoming = 0
         while (taken := self._mailbox.take()) is not None:
@@ -157,7 +158,7 @@ class LiveCapture(Capture):
         while busy() and self._mailbox.take() is not None:
             pass
 
-    def _fitted(self, picture: Frame) -> Frame:
+    def _fitted(self, picture: Picture) -> Picture:
         return letterboxed(picture, self.width, self.height) if picture.size else picture
 
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Frame = NDArray[np.uint8]
+from shared_model.arrays import Picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +17,7 @@ class Orientation:
     flips_columns: bool = False
     flips_rows: bool = False
 
-    def apply(self, picture: Frame) -> Frame:
+    def apply(self, picture: Picture) -> Picture:
         """The picture (h, w, 3) as it is to be shown."""
         if self.is_transposed:
             picture = np.asarray(cv2.transpose(picture), np.uint8)

@@ -4,17 +4,15 @@ from fractions import Fraction
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.sample_aspect import square_size
-
-Frame = NDArray[np.uint8]
+from shared_model.arrays import Picture
 
 # A picture of a two-way call has at most so many pixels; larger ones are reduced.
 MAX_PICTURE_PX = 640 * 480
 
 
-def letterboxed(picture: Frame, width: int, height: int) -> Frame:
+def letterboxed(picture: Picture, width: int, height: int) -> Picture:
     """A picture (h, w, 3), whole, in one of (height, width, 3) between black borders."""
     if picture.shape[:2] == (height, width):
         return picture
@@ -29,7 +27,7 @@ def letterboxed(picture: Frame, width: int, height: int) -> Frame:
     return framed
 
 
-def in_square_pixels(picture: Frame, aspect: Fraction) -> Frame:
+def in_square_pixels(picture: Picture, aspect: Fraction) -> Picture:
     """A picture (h, w, 3) of this sample aspect ratio as a call has it."""
     height, width = picture.shape[:2]
     size = square_size(width, height, aspect)
@@ -38,7 +36,7 @@ def in_square_pixels(picture: Frame, aspect: Fraction) -> Frame:
     return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
-def reduced(picture: Frame, max_pixels: int = MAX_PICTURE_PX) -> Frame:
+def reduced(picture: Picture, max_pixels: int = MAX_PICTURE_PX) -> Picture:
     """The picture with at most so many pixels, its sides even."""
     height, width = picture.shape[:2]
     scale = (max_pixels / (height * width)) ** 0.5

@@ -7,11 +7,10 @@ towards the brightest value instead of being cut.
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.runtime.jit import jit
+from runtime.jit import jit
+from shared_model.arrays import Array, Picture, Single
 
 Deep = NDArray[np.uint16]
-Frame = NDArray[np.uint8]
-Single = NDArray[np.float32]
 
 # Transfer characteristics of ITU-T H.273.
 PQ, HLG = 16, 18
@@ -44,7 +43,7 @@ class ToneMapper:
         shown = np.linspace(0, 1, LEVELS) ** (1 / DISPLAY_GAMMA)
         self._codes = np.rint(255 * shown).astype(np.uint8)
 
-    def apply(self, picture: Deep) -> Frame:
+    def apply(self, picture: Deep) -> Picture:
         """(h, w, 3) uint8 BGR of a picture (h, w, 3) uint16 RGB, BT.2020 primaries."""
         mapped = np.empty(picture.shape, np.uint8)
         exponent = np.float32(SYSTEM_GAMMA - 1 if self._is_scene_light else 0.0)
@@ -53,7 +52,7 @@ class ToneMapper:
         return mapped
 
 
-def _pq_light_cd(signal: NDArray[np.float64]) -> NDArray[np.float64]:
+def _pq_light_cd(signal: Array) -> Array:
     """Luminance, cd/m^2, of PQ values 0..1 (SMPTE ST 2084)."""
     m1, m2 = 2610 / 16384, 2523 / 32
     c1, c2, c3 = 3424 / 4096, 2413 / 128, 2392 / 128
@@ -61,7 +60,7 @@ def _pq_light_cd(signal: NDArray[np.float64]) -> NDArray[np.float64]:
     return 10_000 * (np.maximum(root - c1, 0) / (c2 - c3 * root)) ** (1 / m1)
 
 
-def _hlg_scene_light(signal: NDArray[np.float64]) -> NDArray[np.float64]:
+def _hlg_scene_light(signal: Array) -> Array:
     """Light of the scene, 0..1, of HLG values 0..1 (ARIB STD-B67)."""
     a, b, c = 0.17883277, 0.28466892, 0.55991073
     return np.where(signal <= 0.5, signal**2 / 3, (np.exp((signal - c) / a) + b) / 12)
@@ -70,9 +69,9 @@ def _hlg_scene_light(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 @jit
 def _map_pixels(
     pixels: Deep,
-    mapped: Frame,
+    mapped: Picture,
     light: Single,
-    codes: Frame,
+    codes: Picture,
     matrix: Single,
     exponent: np.float32,
 ) -> None:

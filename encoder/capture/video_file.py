@@ -23,8 +23,7 @@ from encoder.capture.picture_size import in_square_pixels, letterboxed
 from encoder.capture.time_stamps import TimeStamps, read_time_stamps
 from encoder.capture.tone_mapping import HLG, PQ, ToneMapper
 from protocol.sample_aspect import is_stretched, usable_aspect
-
-Frame = NDArray[np.uint8]
+from shared_model.arrays import Picture
 
 # FFmpeg's number of the colour matrix BT.709, as in ITU-T H.273.
 _BT709 = 1
@@ -86,7 +85,7 @@ class VideoFile:
             notes.append(f"{self._name} is damaged: {self.unread} {frames} could not be read")
         return notes
 
-    def read(self) -> Frame | None:
+    def read(self) -> Picture | None:
         """The next picture (h, w, 3) uint8 BGR; None after the last."""
         frame = next(self._frames, None)
         return None if frame is None else self._picture(frame)
@@ -143,7 +142,7 @@ class VideoFile:
     def _count_unread(self) -> None:
         self.unread += 1
 
-    def _picture(self, frame: VideoFrame) -> Frame:
+    def _picture(self, frame: VideoFrame) -> Picture:
         transfer = frame.color_trc
         if transfer in _TRANSFER_NAMES:
             if self._mapper is None:

@@ -9,9 +9,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.capture.camera import Camera
 from encoder.capture.frame_times import (
     DEFAULT_FPS,
@@ -23,11 +20,11 @@ from encoder.capture.frame_times import (
 from encoder.capture.image_sequence import ImageSequence, pattern_and_rate
 from encoder.capture.video_file import VideoFile
 from protocol.sample_aspect import source_size
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
 _log = logging.getLogger(__name__)
 
-Frame = NDArray[np.uint8]
 
 # Names of standard input.
 STANDARD_INPUT = ("-", "/dev/stdin")
@@ -42,7 +39,7 @@ class Reader(Protocol):
     @property
     def notes(self) -> list[str]: ...
 
-    def read(self) -> Frame | None: ...
+    def read(self) -> Picture | None: ...
 
     def close(self) -> None: ...
 
@@ -116,7 +113,7 @@ class Capture:
             notes.append(f"{self.name} states no usable frame rate: taken as {rate}")
         return notes + self._reader.notes
 
-    def __iter__(self) -> Iterator[tuple[int, Frame]]:
+    def __iter__(self) -> Iterator[tuple[int, Picture]]:
         """Yield (index, frame): frame (height, width, 3) uint8, BGR.
 
         Raises `UserError` where the size of the frames changes.

@@ -8,16 +8,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.detection.segmentation import segment_person
 from encoder.detection.tflite import find_segmentation_network
 from encoder.picture_coding.image_budget import encode_background_within
-from protocol.pictures.foreground_mask import Mask, serialise_background
-
-Array = NDArray[np.float64]
-Frame = NDArray[np.uint8]
+from protocol.pictures.foreground_mask import serialise_background
+from shared_model.arrays import Array, Mask, Picture
 
 
 class Background(Protocol):
@@ -42,7 +37,7 @@ class BackgroundImage:
     foreground: the mask of the person in it; None if that is not known.
     """
 
-    picture: Frame
+    picture: Picture
     foreground: Mask | None = None
 
     def encode(self, max_bytes: int) -> bytes:
@@ -63,7 +58,7 @@ def encoded_in_a_thread(background: Background, max_bytes: int) -> "Future[bytes
     return encoded
 
 
-def background_of(frame: Frame, outline_px: Array) -> BackgroundImage:
+def background_of(frame: Picture, outline_px: Array) -> BackgroundImage:
     """The background image of a frame (h, w, 3) uint8 BGR that shows the caller.
 
     outline_px: (n, 2) pixels, the outline of the caller's face.

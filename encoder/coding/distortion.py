@@ -8,20 +8,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
 from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.learning.person_model import TrainedModel
-from encoder.runtime.image_ops import sample_bicubic
 from protocol.frames.frame_transform import GEOMETRY_SIZE, vector_from_face
 from protocol.frames.scalar_quantiser import pose_from_motion
+from runtime.image_ops import sample_bicubic
+from shared_model.arrays import Array, Single
 from shared_model.parameters import EAUS, LIDS, FaceParameters, Pose, clip_eau
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 # Steps of the numeric derivatives: degrees, mm, log depth, EAUs.
 _DERIVATIVE_STEP = np.array([0.2, 0.2, 0.2, 0.4, 0.4, 0.002, *[0.03] * (GEOMETRY_SIZE - 6)])

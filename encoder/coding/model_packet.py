@@ -2,9 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.appearance.texture import atlas_size_for, extract_texture
 from encoder.capture.video_source import VideoFormat
 from encoder.fitting.fit_results import IdentityFit
@@ -21,10 +18,9 @@ from protocol.frames.transform_coding import serialise_transform
 from protocol.model_packet import ModelPacket
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
+from shared_model.arrays import Picture
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
-
-Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.coding.transform import (
     INNOVATION_LAG,
@@ -21,9 +20,8 @@ from encoder.coding.transform import (
 )
 from protocol.frames.frame_transform import GEOMETRY_SIZE, FrameTransform
 from protocol.frames.temporal_prediction import INTRA, PREDICTION_KINDS
+from shared_model.arrays import Array, Integers
 from shared_model.parameters import LIDS
-
-Array = NDArray[np.float64]
 
 # Two standard deviations of the prior: degrees, mm, log depth, EAUs.
 PRIOR_MOTION_2SIGMA = np.array([4.0, 4.0, 3.0, 15.0, 15.0, 0.04, *[0.6] * (GEOMETRY_SIZE - 6)])
@@ -53,7 +51,7 @@ class GaussianProcess:
     covariance: Array
     decay: float
 
-    def autocorrelation(self, lag: NDArray[np.int64] | int) -> Array:
+    def autocorrelation(self, lag: Integers | int) -> Array:
         """Autocorrelation at a lag, source frames."""
         growth = lag * (1 - self.decay**2) / (1 + self.decay**2)
         return np.asarray(self.decay**lag * (1 + growth))

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from math import ceil
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from encoder.coding.rdo_quantiser import CodedPacket, code_packet
@@ -14,8 +13,7 @@ from encoder.picture_coding.quantiser_search import finest_quantiser_within
 from protocol.entropy.varint import encode_varint
 from protocol.frames.temporal_prediction import FramePredictor
 from protocol.limits import SEQUENCE_MODULUS
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 # The rate holds in any window of this length.
 WINDOW_S = 5.0

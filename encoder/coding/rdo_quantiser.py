@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.coding.value_loops import new_context, round_adaptively, value_decisions
 from encoder.picture_coding.symbol_writing import DecisionRecorder, range_coded
@@ -20,7 +19,6 @@ from protocol.frames.temporal_prediction import (
     PREDICTION_KINDS,
     STEPS_PER_UNIT,
     FramePredictor,
-    Integers,
     coding_order,
     interpolate,
     reconstruct,
@@ -33,8 +31,7 @@ from protocol.frames.value_coding import (
     context_tables,
     value_bits,
 )
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Array, Integers
 
 # Lagrangian, squared steps per bit: the steps of each value in coding order, the anchor's in the
 # descent.

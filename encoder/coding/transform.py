@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.coding.distortion import distortion_of, with_layers
 from encoder.learning.person_model import TrainedModel
@@ -29,13 +28,11 @@ from protocol.frames.temporal_prediction import (
     MAX_SCALE_CODE,
     PREDICTION_KINDS,
     STEPS_PER_UNIT,
-    Integers,
     coding_order,
     interpolate,
 )
+from shared_model.arrays import Array, Integers, Picture
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
 
 # The motion of y is its difference over so many frames, plus its variance with this weight.
 INNOVATION_LAG = 4
@@ -55,7 +52,7 @@ class WhitenedSpace:
     root: (d, d) Cholesky factor, root @ root.T is the distortion matrix.
     """
 
-    unit_codes: NDArray[np.uint8]
+    unit_codes: Picture
     mean_codes: Integers
     root: Array
 
@@ -130,7 +127,7 @@ def project(transform: FrameTransform, vectors: Array, distortion: Array) -> Arr
     return np.asarray(np.linalg.solve(normal, matrix @ distortion @ (vectors - transform.mean).T).T)
 
 
-def estimate_scales(values: Array, frames_per_packet: int) -> NDArray[np.uint8]:
+def estimate_scales(values: Array, frames_per_packet: int) -> Picture:
     """Scale codes (n, PREDICTION_KINDS) of the prediction errors of component values (t, n).
 
     A prediction kind without frames has the scales of the kind before.
@@ -160,7 +157,7 @@ def prediction_errors(frames: Integers) -> Iterator[tuple[int, Integers]]:
         yield coded.kind, frames[coded.index] - predicted
 
 
-def scale_codes(mean_sizes: Array) -> NDArray[np.uint8]:
+def scale_codes(mean_sizes: Array) -> Picture:
     """Scale codes (n, PREDICTION_KINDS) of mean absolute values, units."""
     octaves = np.log2(np.maximum(mean_sizes, 1e-6) * 16)
     codes = SCALE_CODE_STEP * np.rint(4 / SCALE_CODE_STEP * octaves)

@@ -5,7 +5,6 @@ They do what `protocol.frames.value_coding` and `payload_coding` do value by val
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.picture_coding.symbol_writing import Decisions, list_exp_golomb
 from protocol.entropy.range_coder import PROBABILITY_ONE
@@ -23,10 +22,8 @@ from protocol.frames.value_coding import (
     UNARY_LIMIT,
     ZERO_PROBABILITIES,
 )
-from protocol.runtime.jit import jit
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from runtime.jit import jit
+from shared_model.arrays import Array, Integers
 
 # Fields of a context: sums over the frames before this one, over this one, and whether the two
 # preceding values of the frame are not zero.

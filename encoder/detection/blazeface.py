@@ -5,13 +5,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.detector import KEYPOINTS, Detection, by_size
 from encoder.detection.ssd import SsdNetwork, Tile, weighted_nms
 from encoder.detection.tflite import FULL_RANGE, SHORT_RANGE, TfliteNetwork
-
-Frame = NDArray[np.uint8]
+from shared_model.arrays import Picture
 
 # Detections of smaller faces are mostly false.
 _MIN_FACE_PX = 20
@@ -37,7 +35,7 @@ class BlazeFaceDetector:
         )
         self._threshold = threshold
 
-    def detect(self, frame: Frame) -> list[Detection]:
+    def detect(self, frame: Picture) -> list[Detection]:
         """Faces in `frame` (h, w, 3) uint8 BGR, the largest first.
 
         Smaller tiles are searched only if larger ones show no face.
@@ -50,16 +48,16 @@ class BlazeFaceDetector:
             found = found or self._found(frame, tiles, threshold)
         return by_size(weighted_nms(found))
 
-    def detect_large(self, frame: Frame) -> list[Detection]:
+    def detect_large(self, frame: Picture) -> list[Detection]:
         """The faces that are large in the whole of `frame`, the largest first."""
         whole = next(_tiles(frame.shape[1], frame.shape[0]))
         return by_size(weighted_nms(self._found(frame, whole, self._threshold)))
 
-    def _found(self, frame: Frame, tiles: list[Tile], threshold: float) -> list[Detection]:
+    def _found(self, frame: Picture, tiles: list[Tile], threshold: float) -> list[Detection]:
         candidates = [face for tile in tiles for face in self._detect_in(frame, tile)]
         return [f for f in candidates if f.score > threshold and f.size_px >= _MIN_FACE_PX]
 
-    def _cut_off(self, frame: Frame) -> list[Detection]:
+    def _cut_off(self, frame: Picture) -> list[Detection]:
         """Faces that are about as large as `frame` or larger, so that parts of them are cut off.
 
         The networks know whole faces: they see the picture within a border of its mean colour.
@@ -74,7 +72,7 @@ class BlazeFaceDetector:
         least_px = _CUT_OFF_SHARE * min(width, height)
         return [_shifted(face, -border) for face in found if face.size_px >= least_px]
 
-    def _detect_in(self, frame: Frame, tile: Tile) -> Iterator[Detection]:
+    def _detect_in(self, frame: Picture, tile: Tile) -> Iterator[Detection]:
         for network in self._networks:
             yield from network.detect(frame, tile, self._threshold)
 

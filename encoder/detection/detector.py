@@ -4,10 +4,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Frame = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 # Order of `Detection.keypoints`; left and right are the subject's.
 KEYPOINTS = ("eye_right", "eye_left", "nose", "mouth", "ear_right", "ear_left")
@@ -36,9 +34,9 @@ class Detection:
 class FaceDetector(Protocol):
     """A detector of faces in (h, w, 3) uint8 BGR pictures; it returns the largest face first."""
 
-    def detect(self, frame: Frame) -> list[Detection]: ...
+    def detect(self, frame: Picture) -> list[Detection]: ...
 
-    def detect_large(self, frame: Frame) -> list[Detection]:
+    def detect_large(self, frame: Picture) -> list[Detection]:
         """Those that a quick look at the whole picture shows."""
 
 

@@ -4,16 +4,12 @@ import threading
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.detector import Detection
 from encoder.detection.roi import RotatedRoi, crop_roi
 from encoder.detection.ssd import SsdNetwork, Tile, weighted_nms
 from encoder.detection.tflite import HandNetworkFiles, TfliteNetwork
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Frame = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 # The palm detector: pixels of its input, its grids, see `SsdNetwork`, and its keypoints, of which
 # two are the wrist and the root of the middle finger.
@@ -46,7 +42,7 @@ class HandFinder:
         self._files, self._of_thread = files, threading.local()
         self._networks()
 
-    def find(self, frame: Frame, window: Tile) -> list[Array]:
+    def find(self, frame: Picture, window: Tile) -> list[Array]:
         """The outlines (k, 2), pixels, of hands in a window of `frame` (h, w, 3) uint8 BGR."""
         palms, joints = self._networks()
         found = weighted_nms(list(palms.detect(frame, window, MIN_PALM_SCORE)))
@@ -92,7 +88,7 @@ def _hand_roi(palm: Detection) -> RotatedRoi:
     return RotatedRoi(centre, HAND_SIDE * side, roll)
 
 
-def _joints(network: TfliteNetwork, frame: Frame, roi: RotatedRoi) -> Array | None:
+def _joints(network: TfliteNetwork, frame: Picture, roi: RotatedRoi) -> Array | None:
     """(21, 2) pixels: the joints of the hand in a square; None if it shows no hand."""
     joints, score, *_ = network.outputs(crop_roi(frame, roi, HAND_PX), low=0.0)
     if float(score[0]) < MIN_HAND_SCORE:

@@ -8,14 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import EYE_CORNER_PAIRS, EYELID_MARGINS
 from encoder.detection.roi import RotatedRoi, crop_roi
 from encoder.detection.tflite import IRIS, TfliteNetwork
-
-Array = NDArray[np.float64]
-Frame = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture, Single
 
 INPUT_PX = 64
 CONTOUR_POINTS, IRIS_POINTS = 71, 5
@@ -49,7 +46,7 @@ class IrisLandmarker:
     def __init__(self, folder: Path, crop_scale: float = TRAINED_CROP_SCALE) -> None:
         self._network, self._crop_scale = TfliteNetwork(folder / IRIS), crop_scale
 
-    def find(self, frame: Frame, points: Array) -> EyeLandmarks:
+    def find(self, frame: Picture, points: Array) -> EyeLandmarks:
         """The eyes in `frame` (h, w, 3) uint8 BGR; points: (468, 3) landmarks, pixels."""
         rois = [_eye_roi(points, side, self._crop_scale) for side in range(2)]
         crops = [crop_roi(frame, roi, INPUT_PX) for roi in rois]
@@ -64,7 +61,7 @@ class IrisLandmarker:
         )
         return EyeLandmarks(irises, contours)
 
-    def replace_eyelids(self, frame: Frame, points: Array) -> Array:
+    def replace_eyelids(self, frame: Picture, points: Array) -> Array:
         """(468, 3) landmarks, pixels: `points` with the eyelid margins that this network finds."""
         replaced = points.copy()
         contours = self.find(frame, points).contours
@@ -83,7 +80,7 @@ def _eye_roi(points: Array, side: int, crop_scale: float) -> RotatedRoi:
     )
 
 
-def _points(raw: NDArray[np.float32], pixel_from_crop: Array) -> Array:
+def _points(raw: Single, pixel_from_crop: Array) -> Array:
     """(n, 2) pixels of the frame, from a network's output (3 n,)."""
     flat = raw.astype(np.float64).reshape(-1, 3)[:, :2] - 0.5
     return np.asarray(flat @ pixel_from_crop[:, :2].T + pixel_from_crop[:, 2])

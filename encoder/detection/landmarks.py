@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.detector import Detection, FaceDetector
@@ -13,9 +12,7 @@ from encoder.detection.iris import TRAINED_CROP_SCALE, IrisLandmarker
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.detection.roi import RotatedRoi, crop_roi, roi_from_detection, roi_from_landmarks
 from encoder.detection.tflite import TfliteNetwork, find_face_mesh, find_network_folder
-
-Array = NDArray[np.float64]
-Frame = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 INPUT_PX = 192
 # A search takes long in frames without a face.  After this many in vain the tracker takes a quick
@@ -46,7 +43,7 @@ class FaceMesh:
         file = find_face_mesh(folder)
         self._network, self._pixel_centre = TfliteNetwork(file.path), file.pixel_centre_offset
 
-    def find(self, frame: Frame, roi: RotatedRoi) -> Landmarks:
+    def find(self, frame: Picture, roi: RotatedRoi) -> Landmarks:
         """Landmarks of the face in the ROI of `frame` (h, w, 3) uint8 BGR."""
         pixel_from_crop = roi.pixel_from_crop(INPUT_PX)
         outputs = self._network.run(crop_roi(frame, roi, INPUT_PX), low=0.0)
@@ -69,7 +66,7 @@ class _TrackedFace:
 class _Prefetched:
     """A frame whose landmarks are computed in the background before `update` asks for them."""
 
-    frame: Frame
+    frame: Picture
     job: Future[_TrackedFace | None]
 
 
@@ -102,7 +99,7 @@ class LandmarkTracker:
         self._prefetched: _Prefetched | None = None
         self.face_count = 0
 
-    def update(self, frame: Frame, next_frame: Frame | None = None) -> Landmarks | None:
+    def update(self, frame: Picture, next_frame: Picture | None = None) -> Landmarks | None:
         """Landmarks of the face in `frame` (h, w, 3) uint8 BGR; None if there is no face.
 
         After a detection `face_count` is the number of faces, of which the largest is tracked.
@@ -124,7 +121,7 @@ class LandmarkTracker:
             self._take_prefetched(None)
             self._roi = roi
 
-    def _take_prefetched(self, frame: Frame | None) -> Future[_TrackedFace | None] | None:
+    def _take_prefetched(self, frame: Picture | None) -> Future[_TrackedFace | None] | None:
         """The result for `frame` if it was prefetched.
 
         Waits for a prefetch of another frame, since the networks serve one thread at a time.
@@ -135,10 +132,10 @@ class LandmarkTracker:
         wait([prefetched.job])
         return prefetched.job if prefetched.frame is frame else None
 
-    def _track(self, frame: Frame, roi: RotatedRoi | None) -> _TrackedFace | None:
+    def _track(self, frame: Picture, roi: RotatedRoi | None) -> _TrackedFace | None:
         return self._with_eyelids(frame, self._run_mesh(frame, roi))
 
-    def _with_eyelids(self, frame: Frame, found: Landmarks | None) -> _TrackedFace | None:
+    def _with_eyelids(self, frame: Picture, found: Landmarks | None) -> _TrackedFace | None:
         """The tracked face of face-mesh landmarks, with eyelids of the iris network if wanted."""
         if found is None:
             return None
@@ -147,7 +144,7 @@ class LandmarkTracker:
             found = replace(found, points=self._eyes.replace_eyelids(frame, found.points))
         return _TrackedFace(found, next_roi)
 
-    def _redetect(self, frame: Frame) -> Landmarks | None:
+    def _redetect(self, frame: Picture) -> Landmarks | None:
         """Search the whole frame, or take a quick look where the backoff says so."""
         if self._backoff:
             self._backoff -= 1
@@ -160,7 +157,7 @@ class LandmarkTracker:
         self._backoff = max(self._misses - _SEARCHES_BEFORE_BACKOFF, 0)
         return found
 
-    def _first_face(self, frame: Frame, faces: list[Detection]) -> Landmarks | None:
+    def _first_face(self, frame: Picture, faces: list[Detection]) -> Landmarks | None:
         """Landmarks of the first face, the largest, in which the face mesh finds one."""
         for face in faces:
             first = self._run_mesh(frame, roi_from_detection(face))
@@ -170,7 +167,7 @@ class LandmarkTracker:
                 return better
         return None
 
-    def _run_mesh(self, frame: Frame, roi: RotatedRoi | None) -> Landmarks | None:
+    def _run_mesh(self, frame: Picture, roi: RotatedRoi | None) -> Landmarks | None:
         if roi is None:
             return None
         found = self._mesh.find(frame, roi)

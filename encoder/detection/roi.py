@@ -4,13 +4,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.detector import Detection
 from encoder.detection.landmark_indices import OUTER_EYE_CORNERS
-
-Array = NDArray[np.float64]
-Frame = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 # Side of the network's training crops, in terms of the longer side of the face's box.
 _MARGIN = 1.5
@@ -66,7 +63,7 @@ def roi_from_landmarks(points: Array) -> RotatedRoi:
     return RotatedRoi((low + high) / 2, side, float(np.arctan2(along[1], along[0])))
 
 
-def crop_roi(frame: Frame, roi: RotatedRoi, size: int) -> Frame:
+def crop_roi(frame: Picture, roi: RotatedRoi, size: int) -> Picture:
     """The ROI of `frame`, resampled to (size, size, 3); oversampled and averaged when it shrinks.
 
     Pixels beyond the frame repeat its border.

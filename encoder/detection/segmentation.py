@@ -5,15 +5,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.tflite import TfliteNetwork
-from encoder.runtime.image_ops import hull_mask
-from protocol.pictures.foreground_mask import MASK_SIDE, Mask
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Frame = NDArray[np.uint8]
+from protocol.pictures.foreground_mask import MASK_SIDE
+from runtime.image_ops import hull_mask
+from shared_model.arrays import Array, Mask, Picture, Single
 
 INPUT_PX = 256
 # The segmented people are those of the face if they cover at least this share of its outline.
@@ -30,7 +26,7 @@ BRIGHT_PERCENTILE, DARK_GREY, LIT_GREY = 99, 96, 220
 MATTE_CLOSING_CELLS, MATTE_EDGE_CELLS = 7, 5
 
 
-def segment_person(path: Path, frame: Frame, outline_px: Array) -> Mask | None:
+def segment_person(path: Path, frame: Picture, outline_px: Array) -> Mask | None:
     """The mask of the person with the given face; None if the network finds none there.
 
     path: of the network.  frame: (h, w, 3) uint8 BGR.  outline_px: (n, 2) of the face, pixels.
@@ -59,7 +55,7 @@ class PersonSegmenter:
         self._path, self._of_thread = path, threading.local()
         self._of_thread.network = TfliteNetwork(path)
 
-    def matte(self, frame: Frame, outline_px: Array) -> Single | None:
+    def matte(self, frame: Picture, outline_px: Array) -> Single | None:
         """(MATTE_SIDE, MATTE_SIDE) share 0..1 of the person; None if the network finds none there.
 
         frame: (h, w, 3) uint8 BGR.  outline_px: (n, 2) of the face, pixels.
@@ -81,7 +77,7 @@ class PersonSegmenter:
         inside = cv2.erode(person, edge) > 0
         return np.where(inside, 1, people * near).astype(np.float32)
 
-    def share(self, frame: Frame) -> Single:
+    def share(self, frame: Picture) -> Single:
         """(MATTE_SIDE, MATTE_SIDE) share 0..1 of people in the cells of a frame."""
         size = (MATTE_SIDE, MATTE_SIDE)
         if not hasattr(self._of_thread, "network"):
@@ -90,7 +86,7 @@ class PersonSegmenter:
         return np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def person_probability(path: Path, frame: Frame) -> Single:
+def person_probability(path: Path, frame: Picture) -> Single:
     """(INPUT_PX, INPUT_PX): how likely each cell of the whole frame shows a person, 0 to 1.
 
     path: of the network.  frame: (h, w, 3) uint8 BGR.
@@ -99,13 +95,13 @@ def person_probability(path: Path, frame: Frame) -> Single:
     return _probability(TfliteNetwork(path), frame)
 
 
-def _probability(network: TfliteNetwork, frame: Frame) -> Single:
+def _probability(network: TfliteNetwork, frame: Picture) -> Single:
     square = np.asarray(cv2.resize(frame, (INPUT_PX, INPUT_PX), interpolation=cv2.INTER_AREA))
     probability = network.run(_brightened(square.astype(np.uint8)), low=0.0)[INPUT_PX**2]
     return np.asarray(probability.reshape(INPUT_PX, INPUT_PX))
 
 
-def _brightened(frame: Frame) -> Frame:
+def _brightened(frame: Picture) -> Picture:
     """A frame whose light the network knows: one of a dark room with more contrast."""
     brightest = float(np.percentile(frame, BRIGHT_PERCENTILE))
     if brightest >= DARK_GREY:
@@ -113,7 +109,7 @@ def _brightened(frame: Frame) -> Frame:
     return np.asarray(cv2.convertScaleAbs(frame, alpha=LIT_GREY / max(brightest, 1.0)), np.uint8)
 
 
-def _segment_people(path: Path, frame: Frame) -> Mask:
+def _segment_people(path: Path, frame: Picture) -> Mask:
     """(SIDE, SIDE) bool: the cells of a frame that show people."""
     in_cells = cv2.resize(
         person_probability(path, frame), (MASK_SIDE, MASK_SIDE), interpolation=cv2.INTER_AREA

@@ -5,13 +5,11 @@ from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.detector import Detection
 from encoder.detection.tflite import TfliteNetwork
+from shared_model.arrays import Array, Picture
 
-Array = NDArray[np.float64]
-Frame = NDArray[np.uint8]
 # A square of a picture: left, top, side, pixels; it may leave the picture.
 Tile = tuple[int, int, int]
 
@@ -35,7 +33,7 @@ class SsdNetwork:
         self._anchors = np.concatenate([ssd_anchors(*grid) for grid in grids])
         self._points = 2 + keypoints
 
-    def detect(self, frame: Frame, tile: Tile, threshold: float) -> Iterator[Detection]:
+    def detect(self, frame: Picture, tile: Tile, threshold: float) -> Iterator[Detection]:
         """What is in a tile of `frame` (h, w, 3) uint8 BGR with a score above the threshold."""
         left, top, side = tile
         outputs = self._network.run(_crop_tile(frame, tile, self._size), self._low)
@@ -86,7 +84,7 @@ def _overlap(a: Array, b: Array) -> float:
     return float(inner / (min(areas) if nested else sum(areas) - inner))
 
 
-def _crop_tile(frame: Frame, tile: Tile, size: int) -> Frame:
+def _crop_tile(frame: Picture, tile: Tile, size: int) -> Picture:
     """The tile of `frame`, black outside the frame, resampled to size x size."""
     left, top, side = tile
     height, width = frame.shape[:2]

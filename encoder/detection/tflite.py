@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 from ai_edge_litert.interpreter import Interpreter
-from numpy.typing import NDArray
+
+from shared_model.arrays import Picture, Single
 
 SHORT_RANGE = "face_detection_short_range.tflite"
 FULL_RANGE = "face_detection_full_range.tflite"
@@ -121,7 +122,7 @@ class TfliteNetwork:
         self._input = self._interpreter.get_input_details()[0]["index"]
         self._outputs = [each["index"] for each in self._interpreter.get_output_details()]
 
-    def run(self, image: NDArray[np.uint8], low: float) -> dict[int, NDArray[np.float32]]:
+    def run(self, image: Picture, low: float) -> dict[int, Single]:
         """The flat outputs by their length, for an image (h, w, 3) uint8 BGR.
 
         low: the network's input for black; white is 1.
@@ -129,14 +130,12 @@ class TfliteNetwork:
         """
         return {length: rows[0] for length, rows in self.run_all([image], low).items()}
 
-    def run_all(
-        self, images: Sequence[NDArray[np.uint8]], low: float
-    ) -> dict[int, NDArray[np.float32]]:
+    def run_all(self, images: Sequence[Picture], low: float) -> dict[int, Single]:
         """The outputs (n, length) by their length, for n images of one size, see `run`."""
         outputs = [self.outputs(image, low) for image in images]
         return {rows[0].size: np.stack(rows) for rows in zip(*outputs, strict=True)}
 
-    def outputs(self, image: NDArray[np.uint8], low: float) -> list[NDArray[np.float32]]:
+    def outputs(self, image: Picture, low: float) -> list[Single]:
         """The flat outputs in the order of the network, two of which may have one length.
 
         image, low: see `run`.

@@ -7,14 +7,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_u8
 from encoder.detection.detector import Detection, by_size
-
-Array = NDArray[np.float64]
-Frame = NDArray[np.uint8]
-Grey = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 # (longer side of the searched picture, pixels; roll of the face, degrees), the quickest and most
 # frequent first.
@@ -39,11 +35,11 @@ class HaarDetector:
             _cascade("haarcascade_eye.xml"),
         ]
 
-    def detect_large(self, frame: Frame) -> list[Detection]:
+    def detect_large(self, frame: Picture) -> list[Detection]:
         """See `FaceDetector`: there is no quicker look."""
         return self.detect(frame)
 
-    def detect(self, frame: Frame) -> list[Detection]:
+    def detect(self, frame: Picture) -> list[Detection]:
         """Faces in `frame` (h, w, 3) uint8 BGR, the largest first.
 
         Rolled faces are searched only if there is no upright one.
@@ -57,7 +53,7 @@ class HaarDetector:
                 return by_size([_scaled(face, factor) for face in found])
         return []
 
-    def _detect_rolled(self, grey: Grey, roll_deg: float) -> list[Detection]:
+    def _detect_rolled(self, grey: Picture, roll_deg: float) -> list[Detection]:
         """Faces rolled by `roll_deg` in a luma picture, in pixels of that picture."""
         middle = ((grey.shape[1] - 1) / 2, (grey.shape[0] - 1) / 2)
         upright_from_grey = cv2.getRotationMatrix2D(middle, roll_deg, 1.0)
@@ -76,7 +72,7 @@ class HaarDetector:
             found.append(Detection(box, keypoints @ back[:, :2].T + back[:, 2], score))
         return found
 
-    def _find_eyes(self, face: Grey) -> Array:
+    def _find_eyes(self, face: Picture) -> Array:
         """(2, 2) pixels in `face`: the subject's right eye (left in the picture), then the left."""
         side = face.shape[0]
         zoom = _EYE_WORKING_PX / side
@@ -85,7 +81,7 @@ class HaarDetector:
         eyes = [self._find_eye(np.asarray(large, np.uint8), default) for default in defaults]
         return np.asarray((np.array(eyes) + 0.5) / zoom - 0.5)
 
-    def _find_eye(self, face: Grey, default: Array) -> Array:
+    def _find_eye(self, face: Picture, default: Array) -> Array:
         """The eye's centre, pixels: searched around `default`, which is returned if there is none.
 
         default: (2,) fractions of the face's box.
@@ -106,7 +102,7 @@ class HaarDetector:
         return expected
 
 
-def _grey(frame: Frame, long_px: int) -> Grey:
+def _grey(frame: Picture, long_px: int) -> Picture:
     """Luma of `frame` after histogram equalisation, its longer side `long_px`."""
     scale = long_px / max(frame.shape[:2])
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC

@@ -13,7 +13,6 @@ from typing import Self
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.template import Template
@@ -27,18 +26,13 @@ from encoder.fitting.levenberg_marquardt import (
     Evaluation,
     levenberg_marquardt,
 )
-from encoder.runtime.cauchy_weight import cauchy_weight
-from encoder.runtime.image_ops import sample_bicubic
+from runtime.cauchy_weight import cauchy_weight
+from runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
+from shared_model.arrays import Array, Indices, Mask, Picture, Single
 from shared_model.mesh import Head
 from shared_model.parameters import EAUS, FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 # Standard deviation of an actuator about its initial estimate, which comes from the previous frame
 # or from landmarks.

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ProjectedTexels, ShapeFreeFrame, rigid_jacobian
 from encoder.appearance.template import Template
@@ -33,15 +32,13 @@ from encoder.fitting.increments import (
 )
 from encoder.fitting.landmark_fit import EAU_PRIOR_SIGMA
 from encoder.fitting.levenberg_marquardt import Damping, Evaluation, levenberg_marquardt
-from encoder.runtime.image_ops import sample_bicubic
+from runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
+from shared_model.arrays import Array, Single
 from shared_model.mesh import Head
 from shared_model.parameters import EAUS
 from shared_model.shape_residual import residual_basis
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 # Standard deviation of the residual of one frame's texture in other views of the face, grey levels,
 # and the Cauchy scale of its outliers.

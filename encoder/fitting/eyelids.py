@@ -7,15 +7,13 @@ and the gaze, and leaves the lids half open.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, rotated_points
 from shared_model.aperture_sheets import EYES, ApertureSheet
+from shared_model.arrays import Array
 from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_camera
 from shared_model.parameters import EAU_INDEX, EAU_LOW, EAUS, LIDS, FaceParameters, clip_eau
-
-Array = NDArray[np.float64]
 
 GAZE_EAUS = [EAU_INDEX[name] for name in ("gaze_horizontal", "gaze_vertical")]
 NON_GAZE_EAUS = [index for index in range(len(EAUS)) if index not in GAZE_EAUS]

@@ -2,14 +2,10 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from shared_model.animate import Identity
+from shared_model.arrays import Array
 from shared_model.geometry import Camera
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.increments import (
@@ -31,15 +30,14 @@ from encoder.fitting.landmark_fit import (
 )
 from encoder.fitting.levenberg_marquardt import Equations
 from encoder.fitting.lip_closure import lip_closure_constraints
-from encoder.runtime.parallel import parallel_map
+from runtime.parallel import parallel_map
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
+from shared_model.arrays import Array
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, BROW_EAUS, EAUS, FaceParameters
 from shared_model.shape_residual import residual_basis
-
-Array = NDArray[np.float64]
 
 # Standard deviation of the network's depths, in units of the distance between the eyes.
 DEPTH_SIGMA = 0.08

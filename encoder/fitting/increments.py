@@ -6,16 +6,13 @@ Rotations are increments on their manifold: a rotation vector in camera axes, ap
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.fitting.fit_results import IdentityFit
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
+from shared_model.arrays import Array, Indices
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, EAUS, FaceParameters, Pose, clip_eau, with_focal_change
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 RIGID = 6
 FACE_PARAMETERS = RIGID + len(EAUS)

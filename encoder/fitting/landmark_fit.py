@@ -4,18 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import OUTER_EYE_CORNERS, RIGID_LANDMARKS
 from encoder.fitting.increments import RIGID, apply_clipped_increment
-from protocol.runtime.jit import jit
+from runtime.jit import jit
 from shared_model import geometry
+from shared_model.arrays import Array, Indices
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
 from shared_model.parameters import EAUS, FaceParameters, Pose
 from shared_model.shape_residual import residual_basis
-
-Array = NDArray[np.float64]
 
 # Standard deviation of landmarks, in units of the distance between the eyes.
 LANDMARK_SIGMA = 0.012
@@ -36,7 +34,7 @@ class LandmarkModel:
     aau: (11, m, 3) mm.  residual: (k, m) weight of each control point of the shape residual.
     """
 
-    index: NDArray[np.intp]
+    index: Indices
     neutral: Array
     eau_up: Array
     eau_down: Array

@@ -1,17 +1,15 @@
 """Constraint that the lips meet at rest, which one frame with an open mouth cannot show."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import INNER_LIP_PAIRS
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Array, Indices
 
 LIP_GAP_SIGMA_MM = 0.3
 
 
 def lip_closure_constraints(
-    index: NDArray[np.intp], neutral: Array, generic: Array, aau: Array, residual: Array
+    index: Indices, neutral: Array, generic: Array, aau: Array, residual: Array
 ) -> tuple[Array, Array]:
     """Rows (15, 11 + 3 k) and residuals (15,), in sigmas: the lips' gap at rest equals `generic`'s.
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.masks import face_mask
 from encoder.appearance.photometric import Normalisation
@@ -21,17 +20,13 @@ from encoder.fitting.analysis_by_synthesis import (
     cauchy_loss,
 )
 from encoder.fitting.fit_results import TextureFit
-from encoder.runtime.image_ops import sample_bicubic
+from runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
+from shared_model.arrays import Array, Mask, Picture, Single
 from shared_model.geometry import Camera
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 # Texels a side, coarse to fine.
 MAX_ATLAS_SIZES = (56, 192)
@@ -218,7 +213,7 @@ class PersonTexture:
         return crop_face(frame, np.clip(corners, 0, border), self._pixels_per_texel)
 
 
-def _part_weight(parts: NDArray[np.uint8]) -> Single:
+def _part_weight(parts: Picture) -> Single:
     """(k,) 1 on skin, less on eyes, 0 inside the mouth."""
     table = np.zeros(len(PARTS), np.float32)
     table[PARTS.index("skin")] = 1

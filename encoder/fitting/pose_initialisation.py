@@ -2,9 +2,9 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.detector import Detection
+from shared_model.arrays import Array
 from shared_model.geometry import (
     FRONTAL,
     Camera,
@@ -16,8 +16,6 @@ from shared_model.geometry import (
 )
 from shared_model.mesh import Head
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
 
 
 def anchor_points(head: Head) -> Array:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.face_crop import Crop
 from encoder.fitting.analysis_by_synthesis import (
@@ -25,13 +24,10 @@ from encoder.fitting.analysis_by_synthesis import (
 )
 from encoder.fitting.increments import FACE_PARAMETERS, RIGID, apply_increment
 from encoder.fitting.levenberg_marquardt import RELATIVE_TOLERANCE
-from encoder.runtime.image_ops import sample_bicubic
+from runtime.image_ops import sample_bicubic
+from shared_model.arrays import Array, Indices, Single
 from shared_model.geometry import matrix_from_quaternion
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Indices = NDArray[np.intp]
 
 # Displacements of Table 2.4: shares of the face's width and height, degrees, scales, standard
 # deviations of an actuator.

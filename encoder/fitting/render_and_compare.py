@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.rasteriser import Fragments, rasterise
 from encoder.appearance.shape_free import directional_jacobian, rigid_jacobian
@@ -30,15 +29,13 @@ from encoder.fitting.levenberg_marquardt import (
     damped_step,
     levenberg_marquardt,
 )
-from encoder.runtime.bilinear import bilinear_weights
-from encoder.runtime.image_ops import hull_mask
-from protocol.runtime.jit import jit
+from runtime.bilinear import bilinear_weights
+from runtime.image_ops import hull_mask
+from runtime.jit import jit
 from shared_model.animate import Face
+from shared_model.arrays import Array, Indices, Mask, Single
 from shared_model.geometry import Camera, matrix_from_quaternion
 from shared_model.parameters import EAUS, LID_EAUS, FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 # Pixels of the face that are compared, at most; half as many cost .07 dB.
 MAX_PIXELS = 6000
@@ -240,13 +237,13 @@ class _Observation:
     """
 
     crop: Crop
-    corner: NDArray[np.intp]
+    corner: Indices
     step: int
-    inside: NDArray[np.bool_]
+    inside: Mask
     luma: Single
     gradients: Single
     initial_eau: Array
-    hidden: NDArray[np.bool_] | None = None
+    hidden: Mask | None = None
 
     def from_frame(self, positions_px: Single) -> Single:
         """Positions (k, 2) in the frame as columns and rows of the compared pixels."""

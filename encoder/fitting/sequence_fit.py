@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import OUTER_EYE_CORNERS
 from encoder.fitting.fit_results import IdentityFit
@@ -14,10 +13,9 @@ from encoder.fitting.landmark_fit import (
     landmark_model,
     personalise,
 )
+from shared_model.arrays import Array
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
 
 IDENTITY_FRAMES = 10
 # Low-pass filter of landmarks over time, which precedes their fit.

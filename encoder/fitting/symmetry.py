@@ -4,23 +4,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.template import Template
 from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
-from encoder.fitting.analysis_by_synthesis import (
-    FitTarget,
-    Mask,
-    Observation,
-    Picture,
-    Single,
-    TexelFit,
-    TexelFitter,
-)
+from encoder.fitting.analysis_by_synthesis import FitTarget, Observation, TexelFit, TexelFitter
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
+from shared_model.arrays import Indices, Mask, Picture, Single
 from shared_model.geometry import euler_deg, matrix_from_quaternion
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
@@ -106,7 +98,7 @@ def _padded(face: FaceParameters, count: int) -> FaceParameters:
     return replace(face, modes=modes)
 
 
-def mirror_index(atlas: Atlas) -> NDArray[np.intp]:
+def mirror_index(atlas: Atlas) -> Indices:
     """(size, size) index of the texel at the mirrored position of the atlas; -1 where unused."""
     index = np.full((atlas.size, atlas.size), -1, np.intp)
     index[atlas.rows, atlas.columns] = np.arange(len(atlas.rows))

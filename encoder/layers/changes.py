@@ -8,19 +8,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import LayerSamples
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode
 from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING, finest_quantiser_within
-from encoder.runtime.cauchy_weight import cauchy_weight
-from encoder.runtime.parallel import parallel_map
 from protocol.pictures.layered_background import change_codec, change_shape
 from protocol.pictures.picture_codec import MAX_STEP_CODE, to_luma
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from runtime.cauchy_weight import cauchy_weight
+from runtime.parallel import parallel_map
+from shared_model.arrays import Array, Single
 
 MAX_CHANGES, MAX_CHANGE_BYTES = 4, 160
 # A change must explain this share of the squared residual, and so many squared grey levels.

@@ -4,12 +4,9 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from protocol.runtime.jit import jit
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from runtime.jit import jit
+from shared_model.arrays import Array, Single
 
 # Steps of the fixed point by which a displacement is inverted; it is a contraction.
 INVERSION_STEPS = 4

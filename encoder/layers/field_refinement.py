@@ -7,16 +7,13 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import CoarseFrame, LayerSamples
-from encoder.runtime.cauchy_weight import cauchy_weight
-from encoder.runtime.parallel import parallel_map
-from protocol.runtime.jit import jit
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from runtime.cauchy_weight import cauchy_weight
+from runtime.jit import jit
+from runtime.parallel import parallel_map
+from shared_model.arrays import Array, Indices, Single
 
 # Weight of the squared difference between neighbouring points, and of the squared step, against
 # the mean of the normal matrix' diagonal.
@@ -91,7 +88,7 @@ def _normal_equations(
 def add_pixels(
     squares: Array,
     products: Array,
-    corners: NDArray[np.intp],
+    corners: Indices,
     shares: Array,
     weighted: Array,
     slopes: Array,
@@ -145,7 +142,7 @@ def add_fields(normal: Array, unit: Array, squares: Array, columns: int) -> None
 
 def _corner_shares(
     at: Single, shape: tuple[int, ...], grid: tuple[int, int]
-) -> Iterator[tuple[NDArray[np.intp], Array]]:
+) -> Iterator[tuple[Indices, Array]]:
     """The four points around positions (m, 2), coarse pixels, and their linear weights."""
     last = np.array(grid[::-1]) - 1
     position = np.clip((at + 0.5) / np.array(shape[1::-1]) * last, 0, last - 1e-6)

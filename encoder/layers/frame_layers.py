@@ -4,14 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import FittedFrames, reference_mesh
+from shared_model.arrays import Array, Picture
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # Largest coefficients of later frames, in the range of those of the sample.
 LIMIT_FACTOR = 2.0

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_f32
 from encoder.layers.displacement import dense, dot, moved_back, origins, sample, subtract_scaled
@@ -29,16 +28,13 @@ from encoder.layers.scene_motion import (
     scene_origins,
     scene_pyramid,
 )
-from encoder.runtime.cauchy_weight import cauchy_weight
 from protocol.pictures.layered_background import SCENE_COEFFICIENTS
+from runtime.cauchy_weight import cauchy_weight
 from shared_model.animate import Face
+from shared_model.arrays import Array, Mask, Picture, Single
 from shared_model.layers.head_motion import BackgroundMesh
 from shared_model.layers.light import PIVOT_GREY, UNIT_GAIN, UNIT_GREY, light_of
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 # Gauss-Newton steps.
 STEPS = 3
@@ -231,7 +227,7 @@ class LayerFitter:
         drawn = self._drawn(at, coefficients)
         return drawn.picture, self._slope(drawn)
 
-    def face_region(self, outline_px: Array) -> NDArray[np.bool_]:
+    def face_region(self, outline_px: Array) -> Mask:
         """(h, w) where the coarse picture shows the face.  outline_px: see `fit`."""
         return face_region(outline_px, self.size, (self.scene.shape[0], self.scene.shape[1]))
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.segmentation import PersonSegmenter
 from encoder.detection.tflite import find_segmentation_network
@@ -32,22 +31,18 @@ from encoder.layers.light import in_newest_light
 from encoder.layers.motion_fields import FULL_CODE, field_codes
 from encoder.layers.person_picture import PERSON_SHARE, SOFT_OPACITY, covered_region
 from encoder.layers.scene import CLEAR_MATTE, SceneLayer
-from protocol.pictures.foreground_mask import FINE_MASK_SIDE, Mask
+from protocol.pictures.foreground_mask import FINE_MASK_SIDE
 from protocol.pictures.layered_background import (
     FIELD_CODES_PER_PX,
     LIGHT_COEFFICIENTS,
     SCENE_COEFFICIENTS,
-    Codes,
     LayeredBackground,
     field_shape,
 )
 from shared_model.appearance import pull_push_fill
+from shared_model.arrays import Array, Integers, Mask, Picture, Single
 from shared_model.layers.head_motion import smoothstep
 from shared_model.layers.soft_mask import opacity
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 NO_NETWORK = (
     "the segmentation network is not installed: shoulders and scene are one picture (pip install"
@@ -101,7 +96,7 @@ class FirstLayers:
     person: Single
     mask: Mask
     outline_px: Array
-    fields: Codes
+    fields: Integers
 
     def encode(self, max_bytes: int) -> bytes:
         """See `Background`."""

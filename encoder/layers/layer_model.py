@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.layers.changes import CodedChanges, flicker_ratio, learn_changes
 from encoder.layers.displacement import dense
@@ -23,24 +22,20 @@ from encoder.layers.person_picture import person_mask, person_picture, with_head
 from encoder.layers.scene import SceneLayer, find_scene
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_picture
 from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING, finest_quantiser_within
-from encoder.runtime.parallel import parallel_map
-from protocol.pictures.foreground_mask import Mask
 from protocol.pictures.layered_background import (
     FIELD_CODES_PER_PX,
     LIGHT_COEFFICIENTS,
     SCENE_COEFFICIENTS,
-    Codes,
     LayeredBackground,
     serialise_layers,
 )
 from protocol.pictures.picture_codec import MAX_STEP_CODE
+from runtime.parallel import parallel_map
 from shared_model.animate import Face
+from shared_model.arrays import Array, Integers, Mask, Single
 from shared_model.layers.head_motion import BackgroundMesh
 from shared_model.layers.layer_motion import fields_at_mesh
 from shared_model.layers.soft_mask import opacity
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 # By how much a coefficient may exceed those of the sample, in their range.
 LIMIT_MARGIN = 0.3
@@ -74,7 +69,7 @@ class LayerModel:
     scene: Single
     person: Single
     mask: Mask
-    fields: Codes
+    fields: Integers
     changes: tuple[bytes, ...]
     fitter: LayerFitter
     coefficients: Array
@@ -177,7 +172,7 @@ def _with_person(
     face: Face,
     samples: LayerSamples,
     scene: SceneLayer,
-    fields: Codes,
+    fields: Integers,
     coefficients: Array,
     margin: float = 0.0,
 ) -> tuple[LayerFitter, Mask, Single]:
@@ -221,7 +216,7 @@ def coarse_fitter(
     )
 
 
-def with_fields(fitter: LayerFitter, fields: Codes) -> LayerFitter:
+def with_fields(fitter: LayerFitter, fields: Integers) -> LayerFitter:
     """The fitter with other motion fields, without changes."""
     shape = fitter.scene.shape[0], fitter.scene.shape[1]
     at_mesh = fields_at_mesh(fitter.mesh, fields / FIELD_CODES_PER_PX)

@@ -13,18 +13,15 @@ from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_f32
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
-from encoder.runtime.image_ops import hull_mask
-from encoder.runtime.parallel import parallel_map
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE
 from protocol.pictures.picture_codec import to_luma
+from runtime.image_ops import hull_mask
+from runtime.parallel import parallel_map
 from shared_model.animate import Face
+from shared_model.arrays import Array, Mask, Picture, Single
 from shared_model.geometry import Camera
 from shared_model.layers.head_motion import BackgroundMesh, make_background_mesh, warp
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 FindMatte = Callable[[Picture, Array], Single | None]
 
@@ -269,9 +266,7 @@ def motion_with_head(mesh: BackgroundMesh, face: Face, parameters: FaceParameter
     return warp(mesh, parameters.pose, face.animate(parameters.eau)) - mesh.grid_px
 
 
-def face_region(
-    outline_px: Array, size: tuple[int, int], shape: tuple[int, int]
-) -> NDArray[np.bool_]:
+def face_region(outline_px: Array, size: tuple[int, int], shape: tuple[int, int]) -> Mask:
     """(h, w) where a picture of `size` (width, height), shrunk to (h, w), shows the face.
 
     outline_px: (k, 2) of the face, pixels of the picture of `size`.

@@ -7,17 +7,13 @@ differ by motion, too, a regression finds less contrast than there is.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_f32
 from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, scaled_shape, shrunk
 from encoder.layers.scene import CLEAR_MATTE
-from encoder.runtime.cauchy_weight import cauchy_weight
+from runtime.cauchy_weight import cauchy_weight
+from shared_model.arrays import Array, Picture, Single
 from shared_model.layers.light import PIVOT_GREY, SAME_LIGHT, UNIT_GAIN, UNIT_GREY, Light, light_of
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 # Passes in which residuals are weighted.
 PASSES = 4

@@ -6,20 +6,13 @@ displacements; their principal components are the fields.
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, pixel_grid, sample
 from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, face_region
-from encoder.runtime.cauchy_weight import cauchy_weight
-from encoder.runtime.parallel import parallel_map
-from protocol.pictures.layered_background import (
-    MAX_FIELD_CODE,
-    Codes,
-    field_shape,
-)
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from protocol.pictures.layered_background import MAX_FIELD_CODE, field_shape
+from runtime.cauchy_weight import cauchy_weight
+from runtime.parallel import parallel_map
+from shared_model.arrays import Array, Integers, Picture, Single
 
 MAX_FIELDS = 6
 # A field must explain this share of the motion, and its displacement be so large, coarse pixels.
@@ -34,7 +27,7 @@ SMOOTHING_CELLS = 0.8
 FULL_CODE = 32
 
 
-def motion_fields(samples: LayerSamples) -> Codes:
+def motion_fields(samples: LayerSamples) -> Integers:
     """(k, rows, columns, 2) codes of the fields, see `LayeredBackground`; k may be 0."""
     motions, weight = _own_motions(samples)
     count = len(motions)
@@ -50,12 +43,12 @@ def motion_fields(samples: LayerSamples) -> Codes:
     return field_codes(chosen)
 
 
-def field_codes(fields: Array) -> Codes:
+def field_codes(fields: Array) -> Integers:
     """The codes of fields (k, rows, columns, 2), each at a scale of its own."""
     return np.array([_codes(field) for field in fields], np.int64).reshape(fields.shape)
 
 
-def _codes(field: Array) -> Codes:
+def _codes(field: Array) -> Integers:
     largest = max(float(np.abs(field).max()), 1e-9)
     return np.rint(np.clip(field / largest * FULL_CODE, -MAX_FIELD_CODE, MAX_FIELD_CODE)).astype(
         np.int64
@@ -116,5 +109,5 @@ def _smoothed(flow: Single, weight: Single, size: tuple[int, int]) -> tuple[Arra
     return field, sample(np.asarray(known, np.float32), at).astype(np.float64)
 
 
-def _bytes(luma: Single) -> NDArray[np.uint8]:
+def _bytes(luma: Single) -> Picture:
     return np.asarray(np.clip(luma, 0, 255), np.uint8)

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
 from encoder.layers.layer_samples import (
@@ -24,15 +23,13 @@ from encoder.layers.layer_samples import (
 )
 from encoder.layers.scene import SceneLayer
 from encoder.layers.scene_motion import blurred
-from encoder.runtime.parallel import available_cores, parallel_map
-from encoder.runtime.robust_mean import robust_mean
-from protocol.pictures.foreground_mask import FINE_MASK_SIDE, Mask
-from protocol.runtime.jit import jit
+from protocol.pictures.foreground_mask import FINE_MASK_SIDE
+from runtime.jit import jit
+from runtime.parallel import available_cores, parallel_map
+from runtime.robust_mean import robust_mean
 from shared_model.appearance import pull_push_fill
+from shared_model.arrays import Array, Indices, Mask, Single
 from shared_model.layers.soft_mask import opacity
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 # The share of the aligned frames' mattes from which on a cell is the person.
 PERSON_SHARE = 0.5
@@ -147,14 +144,14 @@ def person_picture(
     return pull_push_fill(picture, known)
 
 
-def _in_rows(numbers: NDArray[np.intp]) -> NDArray[np.intp]:
+def _in_rows(numbers: Indices) -> Indices:
     """(r, PIXELS_A_ROW) numbers (m,), the last one repeated."""
     missing = -len(numbers) % PIXELS_A_ROW
     return np.pad(numbers, (0, missing), mode="edge").reshape(-1, PIXELS_A_ROW)
 
 
 def _shown(
-    samples: LayerSamples, motions: Sequence[Array], mask: Mask, pixels: NDArray[np.intp]
+    samples: LayerSamples, motions: Sequence[Array], mask: Mask, pixels: Indices
 ) -> tuple[Single, Single]:
     """(n, h', w', 2) where pixels of the person's picture are in the frames; (n, h', w') weights.
 
@@ -197,16 +194,14 @@ def _unmixed(
     return np.clip(mean / np.maximum(alpha, SOFT_OPACITY[0])[..., None], 0, 255)
 
 
-def drawn_region(mask: Mask, shape: tuple[int, int]) -> NDArray[np.bool_]:
+def drawn_region(mask: Mask, shape: tuple[int, int]) -> Mask:
     """(h, w) where the decoder draws the person, if only softly."""
     kernel = np.ones((2 * EDGE_CELLS + 1,) * 2, np.uint8)
     wide = cv2.dilate(mask.astype(np.uint8), kernel)
     return np.asarray(cv2.resize(wide, shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)
 
 
-def covered_region(
-    outline_px: Array, size: tuple[int, int], shape: tuple[int, int]
-) -> NDArray[np.bool_]:
+def covered_region(outline_px: Array, size: tuple[int, int], shape: tuple[int, int]) -> Mask:
     """(h, w) what the face covers in a picture, whatever its expression.  See `face_region`."""
     inside = face_region(outline_px, size, shape).astype(np.uint8)
     width = float(np.ptp(outline_px[:, 0])) * shape[1] / size[0]

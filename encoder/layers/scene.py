@@ -21,14 +21,12 @@ from encoder.layers.scene_motion import (
     scene_origins,
     scene_pyramid,
 )
-from encoder.runtime.parallel import parallel_map
-from encoder.runtime.robust_mean import robust_mean
-from protocol.runtime.jit import jit
+from runtime.jit import jit
+from runtime.parallel import parallel_map
+from runtime.robust_mean import robust_mean
 from shared_model.appearance import pull_push_fill
+from shared_model.arrays import Array, Single
 from shared_model.layers.scene_motion import displacement_basis
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 # The matte up to which a pixel shows the scene; its weight falls to 0 there.
 CLEAR_MATTE = 0.25

@@ -4,14 +4,12 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.layers.displacement import dot, moved_back, pixel_grid, sample
-from encoder.runtime.cauchy_weight import cauchy_weight
+from runtime.cauchy_weight import cauchy_weight
+from shared_model.arrays import Array, Single
 from shared_model.layers.scene_motion import displacement_basis
 
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 # A picture (h, w) and its gradient (h, w, 2) at each of `BLUR_SIGMAS`.
 ScenePyramid = tuple[tuple[Single, Single], ...]
 

@@ -3,14 +3,10 @@
 A face that is not found may be turned away or behind a hand: then the person is still there.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.detection.segmentation import PersonSegmenter
 from encoder.detection.tflite import find_segmentation_network
 from encoder.learning.frame_sampler import UniformSubsampler
-
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Picture
 
 # A picture of which people have less than this share shows nobody.
 EMPTY_SHARE = 0.01

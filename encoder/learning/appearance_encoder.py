@@ -7,7 +7,6 @@ other, and each mode is the leading direction of the residual after the decoded 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.masks import root_weight_and_support
 from encoder.appearance.shape_free import ShapeFreeFrame
@@ -21,9 +20,7 @@ from protocol.pictures.picture_codec import MAX_STEP_CODE, ModeCodec, to_planes
 from protocol.pictures.probability_model import TEXTURE
 from protocol.pictures.weight_map import GRID_SIDE, encode_weight_map
 from shared_model.appearance import Atlas, filled_atlas
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from shared_model.arrays import Array, Mask, Single
 
 # Where the search of the quantiser step starts, in steps of `picture_codec.step_size`.
 INITIAL_STEP = 22
@@ -147,7 +144,7 @@ class _AppearanceCoder:
     """
 
     atlas: Atlas
-    visible: NDArray[np.bool_]
+    visible: Mask
     frames: Single
     root: Single
     support: Single

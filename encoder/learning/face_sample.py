@@ -2,13 +2,9 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.capture.face_crop import Crop
+from shared_model.arrays import Array, Picture
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,5 +19,5 @@ class FaceSample:
     crop: Crop
     landmarks: Array
     face: FaceParameters | None = None
-    coarse: NDArray[np.uint8] | None = None
+    coarse: Picture | None = None
     window: Crop | None = None

@@ -8,17 +8,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.face_crop import Crop, crop_window
 from encoder.detection.hands import PALM_PX, HandFinder, window_around
 from encoder.detection.ssd import Tile
 from encoder.detection.tflite import find_hand_networks
 from encoder.learning.face_sample import FaceSample
-from encoder.runtime.parallel import parallel_map
+from runtime.parallel import parallel_map
+from shared_model.arrays import Array, Picture
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 # The outlines (k, 2) of the hands in a frame, pixels.
 Outlines = list[Array]
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.masks import root_weight_and_support
 from encoder.learning.face_sample import FaceSample
@@ -24,10 +23,8 @@ from protocol.pictures.picture_codec import (
     to_luma,
     to_planes,
 )
+from shared_model.arrays import Single
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 # Samples of a sliding window, weighted down by age.
 WINDOW_S = 3.0

@@ -4,12 +4,9 @@ Deflation as in orthogonal matching pursuit: the leading direction of the residu
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from protocol.runtime.jit import jit
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from runtime.jit import jit
+from shared_model.arrays import Array, Single
 
 # Relative ridge on the modes' Gram matrix, which is nearly singular for nearly equal modes.
 RIDGE = 1e-9

@@ -1,12 +1,10 @@
 """Principal component analysis of luma texture samples."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.template import Template
 from encoder.appearance.texture_samples import TextureSamples
-
-Single = NDArray[np.float32]
+from shared_model.arrays import Single
 
 
 def luma_modes(samples: TextureSamples, mean: Single, count: int) -> Single:

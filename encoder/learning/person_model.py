@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.masks import face_mask, mouth_weights, outline_coverage
 from encoder.appearance.shape_free import ShapeFreeFrame
@@ -35,12 +34,9 @@ from encoder.learning.sample_fitting import (
 from protocol.pictures.picture_codec import to_luma
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
+from shared_model.arrays import Array, Picture, Single
 from shared_model.geometry import Camera
 from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 # The expression of a wide open face, and the share of its texel footprints that counts for texels
 # that the sample hides.

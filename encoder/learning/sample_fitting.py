@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.super_resolution import back_projected
@@ -17,14 +16,12 @@ from encoder.detection.landmark_indices import face_outline
 from encoder.fitting.analysis_by_synthesis import NOMINAL_TEXELS, TexelFitter, solve_coefficients
 from encoder.fitting.render_and_compare import ImageFitter
 from encoder.learning.pca import luma_modes, make_template
-from encoder.runtime.parallel import parallel_map
 from protocol.pictures.picture_codec import to_luma
+from runtime.parallel import parallel_map
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of, filled_atlas
+from shared_model.arrays import Array, Mask, Single
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 # Modes of the template in each round of the coarse fit, and of the fit in the image.
 COARSE_MODE_SCHEDULE = (0, 4, 8)
@@ -136,7 +133,7 @@ def super_resolved(
     faces: of the crops that were sampled.  workers: see `parallel_map`.
     """
 
-    def sharpen(view: tuple[Crop, FaceParameters, Single, NDArray[np.bool_]]) -> Single:
+    def sharpen(view: tuple[Crop, FaceParameters, Single, Mask]) -> Single:
         crop, face, colours, visible = view
         return back_projected(shape, crop, crop.to_crop_px(shape.positions(face)), colours, visible)
 

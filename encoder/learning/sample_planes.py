@@ -1,16 +1,14 @@
 """Texture samples as an appearance encoder compares them: weighted planes, less a mean."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.pictures.picture_codec import MODE_CHROMA_WEIGHT, to_luma
-from protocol.runtime.jit import jit
-
-Single = NDArray[np.float32]
+from runtime.jit import jit
+from shared_model.arrays import Mask, Single
 
 
 @jit
-def without_mean(frames: Single, mean: Single, visible: NDArray[np.bool_]) -> Single:
+def without_mean(frames: Single, mean: Single, visible: Mask) -> Single:
     """Frames (t, k, 3) less a mean (k, 3) where a texel is visible (t, k)."""
     left = np.empty_like(frames)
     for frame in range(len(frames)):
@@ -23,7 +21,7 @@ def without_mean(frames: Single, mean: Single, visible: NDArray[np.bool_]) -> Si
     return left
 
 
-def weighted_planes(colours: Single, visible: NDArray[np.bool_], root: Single) -> Single:
+def weighted_planes(colours: Single, visible: Mask, root: Single) -> Single:
     """(t, k, 3) the planes of colours (t, k, 3), see `to_planes`, times `root` (k,) where a texel
     is visible (t, k), else 0."""
     return _weighted_planes(colours, to_luma(colours), visible, root, MODE_CHROMA_WEIGHT)
@@ -31,7 +29,7 @@ def weighted_planes(colours: Single, visible: NDArray[np.bool_], root: Single) -
 
 @jit
 def _weighted_planes(
-    colours: Single, luma: Single, visible: NDArray[np.bool_], root: Single, chroma_weight: float
+    colours: Single, luma: Single, visible: Mask, root: Single, chroma_weight: float
 ) -> Single:
     """See `weighted_planes`.  luma: (t, k) of the colours."""
     planes, chroma = np.zeros_like(colours), np.float32(chroma_weight)

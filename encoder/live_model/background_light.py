@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_f32
 from encoder.coding.background import BackgroundImage
 from encoder.layers.layer_samples import coarse_picture, shrunk
 from encoder.layers.light import fit_light, lit, lit_picture
+from shared_model.arrays import Picture
 from shared_model.layers.light import light_of
-
-Picture = NDArray[np.uint8]
 
 # A background is worth its bytes again if the light has changed it by so many grey levels.
 MIN_CHANGE_GREY = 6.0

@@ -1,8 +1,5 @@
 """The trainer of a live call's models, from the first picture of the caller."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.capture.video_source import VideoFormat
 from encoder.coding.background import EncodeBackground, background_of, encoded_in_a_thread
 from encoder.coding.gop import GopStructure
@@ -10,10 +7,8 @@ from encoder.coding.model_packet import ModelBudget
 from encoder.detection.landmark_indices import face_outline
 from encoder.layers.layer_learning import layers_of_frame
 from encoder.live_model.model_trainer import LAYER_UPDATES, LAYER_UPDATES_REALTIME, ModelTrainer
+from shared_model.arrays import Array, Picture
 from shared_model.surround import head_with_surround
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 
 def trainer_from(

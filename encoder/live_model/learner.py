@@ -6,18 +6,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.coding.background import Background, encoded_in_a_thread
 from encoder.learning.face_sample import FaceSample
 from encoder.learning.hidden_faces import HandWatch
 from encoder.learning.incremental_modes import LearnedMode, ModeLearner
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
+from shared_model.arrays import Array, Picture
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 Result = TypeVar("Result")
 
 

@@ -24,15 +24,19 @@ from encoder.learning.incremental_modes import LearnedMode
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
-from encoder.live_model.object_stream import ObjectStream
 from encoder.live_model.warm_up import warm_up
-from encoder.runtime.child_process import start_child
-from encoder.runtime.parallel import (
+from runtime.child_process import start_child
+from runtime.object_stream import ObjectStream
+from runtime.parallel import (
     low_priority_executor,
     lower_priority_of_process,
     short_switch_interval,
 )
+from shared_model.mesh import generic_head
 from shared_model.surround import head_with_surround
+
+# Heads are large, and both processes have them.
+SHARED = {"generic head": generic_head, "head with surround": head_with_surround}
 
 
 class LearningProcess:
@@ -44,7 +48,7 @@ class LearningProcess:
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
         self._process, ours = start_child("encoder.live_model.learning_process")
-        self._stream, self._on_failure = ObjectStream(ours), on_failure
+        self._stream, self._on_failure = ObjectStream(ours, SHARED), on_failure
         self._numbers, self._waiting = count(), dict[int, Future[Any]]()
         self._is_closing = self._has_ended = False
         # Results that a call waits for: they fail when the process ends.
@@ -154,7 +158,7 @@ def serve(descriptor: int) -> None:
     lower_priority_of_process()
     # Modes are learned beside the training of an update: neither may hold the interpreter for long.
     with short_switch_interval():
-        _Server(ObjectStream(socket.socket(fileno=descriptor))).run()
+        _Server(ObjectStream(socket.socket(fileno=descriptor), SHARED)).run()
     # What is under way is of no use any more.
     os._exit(0)
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.video_source import VideoFormat
 from encoder.coding.background import BackgroundImage, EncodeBackground, encoded_in_a_thread
@@ -42,12 +41,10 @@ from protocol.frames.frame_transform import vector_from_face, with_reserved_mode
 from protocol.frames.transform_coding import serialise_transform
 from protocol.pictures.picture_codec import ModeCodec, decode_picture
 from shared_model.animate import Face
+from shared_model.arrays import Array, Picture
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # Share of the budget that the first version takes: its background, and a mean texture that is soon
 # replaced.

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.face_crop import Crop, crop_face
 from encoder.coding.distortion import DistortionModel, with_layers
@@ -30,11 +29,8 @@ from protocol.frames.frame_transform import (
 )
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
+from shared_model.arrays import Array, Picture, Single
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 # Modes that may be learned between one model packet and the next.
 RESERVED_MODES = MAX_MODES - BUDGETS["live"].max_modes

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.video_source import VideoFormat
 from encoder.coding.gop import GopStructure
@@ -17,11 +16,9 @@ from encoder.coding.model_packet import ModelBudget
 from encoder.live_model.call_trainer import trainer_from
 from encoder.live_model.model_version import ModelVersion
 from protocol.frames.scalar_quantiser import motion_from_pose, pose_from_motion
+from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
 from shared_model.parameters import FaceParameters
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # Share of the budget for texture and modes that the texture takes: there are no modes.
 TEXTURE_SHARE = 0.5

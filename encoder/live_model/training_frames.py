@@ -1,12 +1,7 @@
 """The frames that a live call's model is trained from."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.learning.frame_sampler import UniformSubsampler
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 
 class TrainingFrames:

@@ -9,7 +9,6 @@ from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.video_source import VideoFormat, open_source
 from encoder.coding.background import BackgroundImage
@@ -27,16 +26,15 @@ from encoder.layers.scene_motion import scene_basis, scene_origins
 from encoder.learning.incremental_modes import ModeLearner
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.picture_coding.image_budget import encode_background_within
-from encoder.runtime.robust_mean import robust_mean
 from encoder.tracking.outlier_rejection import robust_residuals
 from protocol.frames.temporal_prediction import FramePredictor
 from protocol.pictures.foreground_mask import decode_mask
 from protocol.pictures.picture_codec import decode_picture
+from runtime.robust_mean import robust_mean
+from shared_model.arrays import Array
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera, pose_from_euler
 from shared_model.mesh import Head
 from shared_model.surround import head_with_surround
-
-Array = NDArray[np.float64]
 
 # Distance of the face, and the size of its model.
 DISTANCE_MM = 600.0

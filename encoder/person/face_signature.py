@@ -10,12 +10,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import OUTER_EYE_CORNERS
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 # Side of the face's picture, pixels, and of the face in it.
 SIDE_PX, FACE_SHARE = 40, 0.96

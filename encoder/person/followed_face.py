@@ -8,14 +8,11 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.landmarks import FaceMesh
 from encoder.detection.roi import RotatedRoi, roi_from_detection, roi_from_landmarks
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 # Source frames from one look to the next, and looks by which motion is told.
 LOOK_INTERVAL, LOOKS = 12, 4

@@ -3,12 +3,9 @@
 from enum import Enum, auto
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.person.face_signature import FaceSignature, SignatureMaker, are_others, is_frontal
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture
 
 # Frames without a face after which it may be somebody else's.
 GAP_FRAMES = 10

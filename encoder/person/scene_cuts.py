@@ -2,9 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Picture, Single
 
 SIDE_PX = 32
 # Mean change of luma, levels, from one picture to the next at a cut; and in terms of the largest
@@ -18,7 +17,7 @@ class CutDetector:
     """Tells cuts from motion, by pictures of 32 x 32 pixels."""
 
     def __init__(self) -> None:
-        self._before: NDArray[np.float32] | None = None
+        self._before: Single | None = None
         self._usual = 0.0
 
     def is_cut(self, picture: Picture) -> bool:

@@ -2,15 +2,12 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.picture_coding.picture_encoder import encode_picture
 from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING, finest_quantiser_within
 from protocol.pictures.picture_codec import MAX_STEP_CODE
 from protocol.pictures.probability_model import BACKGROUND
-
-Picture = NDArray[np.uint8]
-Single = NDArray[np.float32]
+from shared_model.arrays import Picture, Single
 
 # Lowest and highest WebP quality tried.
 WEBP_QUALITIES = (1, 95)

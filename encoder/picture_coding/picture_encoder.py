@@ -7,7 +7,6 @@ serialised.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.picture_coding.picture_rdoq import SymbolBuffer, quantise_picture
 from encoder.picture_coding.subband_rdoq import TILE_THRESHOLD
@@ -22,9 +21,7 @@ from protocol.pictures.probability_model import BACKGROUND
 from protocol.pictures.subband_coding import PictureSequence
 from protocol.pictures.wavelet import LEVELS, transform
 from protocol.pictures.weight_map import decode_weight_map
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from shared_model.arrays import Array, Single
 
 
 @dataclass(frozen=True, slots=True)

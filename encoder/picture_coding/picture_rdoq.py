@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.picture_coding.subband_rdoq import ZERO_BITS, QuantisedBand, quantise_subband
 from encoder.picture_coding.symbol_writing import (
@@ -23,9 +22,7 @@ from protocol.pictures.coefficient_coding import code_lowpass_band
 from protocol.pictures.probability_model import BandPosition
 from protocol.pictures.subband_coding import PictureSequence
 from protocol.pictures.subband_pyramid import SubbandPyramid, plane_shape
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from shared_model.arrays import Array, Integers
 
 
 def quantise_picture(

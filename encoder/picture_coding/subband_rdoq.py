@@ -11,7 +11,6 @@ Throughout, p0 is the probability that a binary symbol is 0, in 1/65536.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.entropy.range_coder import PROBABILITY_ONE
 from protocol.pictures.coefficient_coding import MAX_MAGNITUDE, STEP_OUTPUTS, UNARY_LIMIT
@@ -32,11 +31,8 @@ from protocol.pictures.symbol_prediction import (
     make_predictor,
     predict,
 )
-from protocol.runtime.jit import jit
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from runtime.jit import jit
+from shared_model.arrays import Array, Integers, Mask
 
 # Squared quantiser steps per bit.
 LAGRANGIAN = 0.15
@@ -218,7 +214,7 @@ def _flags_and_grids(
 
 
 @jit
-def _expand_flags(flags: Integers, shape: tuple[int, int]) -> tuple[Bools, Integers]:
+def _expand_flags(flags: Integers, shape: tuple[int, int]) -> tuple[Mask, Integers]:
     """For each coefficient, in `shape`: the flag of its tile, and the number of flags in the 3 x 3
     tiles around."""
     height, width = shape

@@ -7,7 +7,6 @@ The bytes are those of `protocol.entropy.range_coder.RangeEncoder` and of the fu
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.picture_coding.subband_rdoq import QuantisedBand
 from protocol.entropy.range_coder import (
@@ -18,9 +17,9 @@ from protocol.entropy.range_coder import (
     shortest_point,
 )
 from protocol.pictures.coefficient_coding import LONGEST, STEP_OUTPUTS, UNARY_LIMIT
-from protocol.runtime.jit import jit
+from runtime.jit import jit
+from shared_model.arrays import Integers, Picture
 
-Integers = NDArray[np.int64]
 # Bits (n,), and the probabilities of a zero (n,) that they are coded with, in 1/65536.
 Decisions = tuple[Integers, Integers]
 
@@ -83,7 +82,7 @@ def range_coded(decisions: Sequence[Decisions]) -> bytes:
 
 
 @jit
-def _code(bits: Integers, zeros: Integers, data: NDArray[np.uint8]) -> tuple[int, int, int]:
+def _code(bits: Integers, zeros: Integers, data: Picture) -> tuple[int, int, int]:
     """Write the bytes that are settled; their number, and low end and size of the range."""
     low, size, length = 0, 1 << TOP_BITS, 1
     for k in range(len(bits)):

@@ -1,11 +1,9 @@
 """Keeps the sound of a sound card on the clock of the pictures, which runs beside its own."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.sound.sound_file import MAX_TIMING_ERROR_S
-
-Samples = NDArray[np.int16]
+from shared_model.arrays import Samples
 
 # The times of pieces jitter: how late the sound is, is averaged over about so long.
 AVERAGE_S = 1.0

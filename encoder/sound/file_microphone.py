@@ -6,12 +6,10 @@ from pathlib import Path
 from threading import Event, Thread
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.sound.live_speech import PIECE_S
 from encoder.sound.sound_file import read_sound
-
-Samples = NDArray[np.int16]
+from shared_model.arrays import Samples
 
 
 class FileMicrophone:

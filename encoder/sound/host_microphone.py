@@ -5,12 +5,10 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.sound.live_speech import PIECE_S
+from shared_model.arrays import Samples
 from shared_model.errors import UserError
-
-Samples = NDArray[np.int16]
 
 
 class OpenMicrophone(Protocol):

@@ -4,15 +4,11 @@ from collections import deque
 from collections.abc import Callable
 from threading import Lock
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.sound.drift_compensator import DriftCompensator
 from encoder.sound.speech_coder import SpeechCoder
 from encoder.sound.speech_encoder import open_speech_encoder
 from protocol.voice.voice_block import SPEECH_FRAMES_PER_SECOND
-
-Samples = NDArray[np.int16]
+from shared_model.arrays import Samples
 
 # Sound that is so much late is not waited for: silence stands in its place.
 MAX_LATE_FRAMES = 12

@@ -11,12 +11,11 @@ from av.audio.resampler import AudioResampler
 from av.audio.stream import AudioStream
 from av.container import InputContainer
 from av.video.frame import VideoFrame
-from numpy.typing import NDArray
 
 from encoder.capture.containers import open_container, readable_frames, shown_video
+from shared_model.arrays import Samples
 from shared_model.errors import UserError
 
-Samples = NDArray[np.int16]
 Warn = Callable[[str], None]
 
 # Sound that is so much late or early by its time stamps is put where they say.

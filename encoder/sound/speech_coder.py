@@ -5,13 +5,11 @@ from collections.abc import Iterator
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.sound.speech_encoder import SpeechEncoder
 from encoder.sound.speech_gate import SpeechGate
 from protocol.voice.voice_block import SPEECH_FRAMES_PER_SECOND
-
-Samples = NDArray[np.int16]
+from shared_model.arrays import Samples
 
 
 class SpeechSource(Protocol):

@@ -6,12 +6,10 @@ from typing import Protocol
 import av
 import numpy as np
 from av.audio.codeccontext import AudioCodecContext
-from numpy.typing import NDArray
 
 from protocol.voice.voice_block import CODEC2_MODES, CODEC2_RATE_HZ, SPEECH_FRAMES_PER_SECOND
+from shared_model.arrays import Samples
 from shared_model.errors import UserError
-
-Samples = NDArray[np.int16]
 
 OPUS_RATE_HZ = 16000
 OPUS_BPS = 6000

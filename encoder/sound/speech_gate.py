@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Samples = NDArray[np.int16]
+from shared_model.arrays import Samples
 
 FULL_SCALE = 32768.0
 # How much of the sound WebRTC's detector takes for speech: 0 most to 3 least.

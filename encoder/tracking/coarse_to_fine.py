@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.fitting.analysis_by_synthesis import Observation
 from encoder.fitting.fit_results import TextureFit
 from encoder.fitting.person_texture import GOOD_CORRELATION, PersonTexture
 from encoder.tracking.detection_measurement import FrameMeasurement
+from shared_model.arrays import Picture
 from shared_model.parameters import EAU_INDEX, FaceParameters
-
-Picture = NDArray[np.uint8]
 
 # Frames between fits from all initial faces; a poor fit is always repeated from all of them.
 ALTERNATIVES_INTERVAL = 4

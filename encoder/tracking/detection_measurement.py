@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import LANDMARK_COUNT, OUTER_EYE_CORNERS
 from encoder.detection.landmarks import LandmarkTracker
@@ -21,12 +20,11 @@ from encoder.fitting.landmark_fit import (
     personalise,
 )
 from encoder.fitting.pose_initialisation import pose_from_three_points
+from shared_model.arrays import Array, Picture
 from shared_model.geometry import pixel_from_head
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 Warn = Callable[[str], None]
 
 # One landmark in so many is a measurement of the filter.

@@ -11,10 +11,10 @@ Jacobian of Table 4.1 is exact.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.tracking.measurement_model import Projection, perspective
 from encoder.tracking.outlier_rejection import robust_residuals
+from shared_model.arrays import Array, Mask
 from shared_model.geometry import (
     Camera,
     matrix_from_quaternion,
@@ -23,9 +23,6 @@ from shared_model.geometry import (
     quaternion_from_vector,
 )
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _RIGID = 7
 # Measured information about a direction of the state, relative to the prior's, below which the

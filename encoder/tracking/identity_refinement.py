@@ -10,19 +10,16 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.fitting.analysis_by_synthesis import Observation
 from encoder.fitting.bundle_adjustment import PhotometricBundleAdjustment
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.person_texture import PersonTexture
-from encoder.runtime.parallel import low_priority_executor
+from runtime.parallel import low_priority_executor
 from shared_model import geometry
+from shared_model.arrays import Array, Picture
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters, with_focal_change
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # Seconds with a face after which the identity is adjusted, and the delay of the result: twice what
 # the adjustment takes in the background of a call on two cores.

@@ -4,19 +4,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_u8
 from encoder.tracking.vertex_visibility import VertexVisibility
 from shared_model.animate import Face
+from shared_model.arrays import Array, Mask, Picture, Single, VertexIndices
 from shared_model.geometry import Camera, pixel_from_head
 from shared_model.parameters import FaceParameters, Pose
-
-Array = NDArray[np.float64]
-Frame = NDArray[np.uint8]
-Luma = NDArray[np.uint8]
-Indices = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
 EYE_DISTANCE_MM = 62.0
 # Larger faces are tracked at this distance between the eyes: more pixels cost time only.
@@ -51,7 +45,7 @@ class Tracks:
 class _ReferenceFrame:
     """Luma of a frame; pixels (n, 2) of the points in it, from the fitted model; visible (n,)."""
 
-    luma: Luma
+    luma: Picture
     pixels: Array
     visible: Mask
 
@@ -70,7 +64,7 @@ class KltTracker:
     def __init__(
         self,
         face: Face,
-        frame: Frame,
+        frame: Picture,
         camera: Camera,
         start: FaceParameters,
         count: int = 40,
@@ -80,7 +74,7 @@ class KltTracker:
         self.set_face(face)
         self._previous = self._reference(luma, camera, start)
 
-    def track(self, frame: Frame, camera: Camera, predicted: FaceParameters) -> Tracks:
+    def track(self, frame: Picture, camera: Camera, predicted: FaceParameters) -> Tracks:
         """Track the points into `frame`, from their predicted positions."""
         points = self._points.animate(predicted.eau)
         expected = pixel_from_head(camera, predicted.pose, points)
@@ -98,19 +92,19 @@ class KltTracker:
         self._points = face.at_vertices(self.index)
         self._visibility = VertexVisibility(face.neutral, face.head.triangles, self.index)
 
-    def reset_points(self, frame: Frame, camera: Camera, fitted: FaceParameters) -> None:
+    def reset_points(self, frame: Picture, camera: Camera, fitted: FaceParameters) -> None:
         """Reproject the points from the fitted face: the reference of the next frame."""
         self._previous = self._reference(luma_u8(frame), camera, fitted)
 
-    def _reference(self, luma: Luma, camera: Camera, fitted: FaceParameters) -> _ReferenceFrame:
+    def _reference(self, luma: Picture, camera: Camera, fitted: FaceParameters) -> _ReferenceFrame:
         pixels = pixel_from_head(camera, fitted.pose, self._points.animate(fitted.eau))
         visible = self._visibility.visible(fitted.pose) & _inside(pixels, luma.shape)
         return _ReferenceFrame(luma, pixels, visible)
 
 
 def select_features(
-    face: Face, luma: Luma, camera: Camera, start: FaceParameters, count: int
-) -> Indices:
+    face: Face, luma: Picture, camera: Camera, start: FaceParameters, count: int
+) -> VertexIndices:
     """(n <= count,) vertices to track: visible, textured, spaced apart, moved little by muscles."""
     head = face.head
     candidates = np.flatnonzero((head.parts == 0) & (head.opacity > 0.5)).astype(np.int32)
@@ -138,7 +132,7 @@ def select_features(
     return candidates[chosen]
 
 
-def _corner_response(luma: Luma, pixels: Array, eyes_px: float) -> Array:
+def _corner_response(luma: Picture, pixels: Array, eyes_px: float) -> Array:
     """(n,) smaller eigenvalue of the structure tensor around each pixel (Shi and Tomasi)."""
     block = max(3, round(_WINDOW * eyes_px) | 1)
     corners = cv2.cornerMinEigenVal(luma, block)
@@ -147,7 +141,7 @@ def _corner_response(luma: Luma, pixels: Array, eyes_px: float) -> Array:
 
 
 def _flow_forward_backward(
-    reference: _ReferenceFrame, luma: Luma, expected: Array, visible: Mask, eyes_px: float
+    reference: _ReferenceFrame, luma: Picture, expected: Array, visible: Mask, eyes_px: float
 ) -> tuple[Array, Mask]:
     """Pixels (n, 2) of the reference's points, and whether the backward flow returns to them."""
     if visible.sum() < 3:
@@ -171,8 +165,12 @@ def _flow_forward_backward(
 
 
 def _flow(
-    first: Luma, second: Luma, points: NDArray[np.float32], guess: NDArray[np.float32], eyes: float
-) -> tuple[NDArray[np.float32], Mask]:
+    first: Picture,
+    second: Picture,
+    points: Single,
+    guess: Single,
+    eyes: float,
+) -> tuple[Single, Mask]:
     window = max(7, round(_WINDOW * eyes) | 1)
     target, status, _ = cv2.calcOpticalFlowPyrLK(
         first,
@@ -215,7 +213,7 @@ def _compose(second: Array, first: Array) -> Array:
     return np.asarray(composed)
 
 
-def _warp(luma: Luma, work_from_pixel: Array, size: tuple[int, int]) -> Luma:
+def _warp(luma: Picture, work_from_pixel: Array, size: tuple[int, int]) -> Picture:
     border = cv2.BORDER_REPLICATE
     warped = cv2.warpAffine(luma, work_from_pixel, size, flags=cv2.INTER_LINEAR, borderMode=border)
     return np.asarray(warped, np.uint8)

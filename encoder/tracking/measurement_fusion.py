@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.fitting.analysis_by_synthesis import MIN_RESIDUAL_SIGMA_GREY, RESIDUAL_SIGMA_GREY
 from encoder.fitting.fit_results import TextureFit
@@ -12,11 +11,9 @@ from encoder.tracking.detection_measurement import FrameMeasurement
 from encoder.tracking.ekf import Estimate, FaceFilter, InitialUncertainty, ProcessNoise
 from encoder.tracking.klt import Tracks, eye_distance_px
 from shared_model.animate import Face
+from shared_model.arrays import Array, VertexIndices
 from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_head
 from shared_model.parameters import LIDS, FaceParameters, Pose, clip_eau
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int32]
 
 # Standard deviation of the fit's points, in units of the distance between the eyes.
 FIT_POINT_SIGMA = 0.012
@@ -44,7 +41,7 @@ class MeasurementFusion:
         active: Sequence[int],
         klt_count: int,
         landmark_count: int,
-        fit_points: Indices,
+        fit_points: VertexIndices,
     ) -> None:
         self._camera, self._face, self._active = camera, face, list(active)
         self._fit_points = fit_points

@@ -8,12 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array
 from shared_model.geometry import conjugate, multiply, normalise, quaternion_from_vector
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

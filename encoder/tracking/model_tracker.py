@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_u8
 from encoder.fitting.fit_results import IdentityFit, TextureFit
@@ -31,10 +30,9 @@ from encoder.tracking.track_loss import (
     is_tracking_failure,
 )
 from shared_model.animate import Face
+from shared_model.arrays import Picture, VertexIndices
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters, with_focal_change
-
-Picture = NDArray[np.uint8]
 
 TRACKER_PARTS = ("network", "klt", "ekf", "abs")
 
@@ -60,7 +58,7 @@ class TrackedPerson:
     face: Face
     textures: tuple[PersonTexture, ...]
     klt: KltTracker
-    fit_points: NDArray[np.int32]
+    fit_points: VertexIndices
 
 
 class ModelTracker:

@@ -1,12 +1,9 @@
 """Outlier rejection: residuals of points after a robust update (IRLS, Cauchy)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from protocol.runtime.jit import jit
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from runtime.jit import jit
+from shared_model.arrays import Array, Mask
 
 # Rounds of reweighting, enough for the weights to converge.
 IRLS_ROUNDS = 10

@@ -4,9 +4,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.appearance.photometric import NORMALISATIONS
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.landmarks import LandmarkTracker
@@ -28,13 +25,12 @@ from encoder.tracking.detection_measurement import (
 )
 from encoder.tracking.model_tracker import TRACKER_PARTS, ModelTracker
 from protocol.frames.scalar_quantiser import sent_eaus
+from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
 from shared_model.geometry import interpolate
 from shared_model.mesh import Head
 from shared_model.parameters import EAU_INDEX, FaceParameters
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 Warn = Callable[[str], None]
 
 DETECTORS = ("network", "haar")

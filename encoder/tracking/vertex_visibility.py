@@ -1,16 +1,12 @@
 """Visibility of vertices of the head: by their normals and by self-occlusion."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.rasteriser import rasterise
+from shared_model.arrays import Array, Mask, VertexIndices
 from shared_model.geometry import matrix_from_quaternion
 from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
 # Skin at more than 70 degrees to the line of sight is too foreshortened to be tracked.
 _MIN_COSINE = 0.34
@@ -28,7 +24,7 @@ class VertexVisibility:
     vertices: (n, 3) float64, mm, head frame.  triangles: (m, 3).  index: (k,) of the few vertices.
     """
 
-    def __init__(self, vertices: Array, triangles: Indices, index: Indices) -> None:
+    def __init__(self, vertices: Array, triangles: VertexIndices, index: VertexIndices) -> None:
         self._vertices, self._triangles, self._index = vertices, triangles, index
         self._normals = vertex_normals(vertices, triangles)[index]
         self._cells: dict[tuple[int, int], Mask] = {}

@@ -8,9 +8,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from decoder.pipeline import DecodeOptions, decode
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.recorded_session import RecordedEncoder, send_call
@@ -19,7 +16,6 @@ from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode, first_and_second_pass
-from encoder.runtime.parallel import parallel_map
 from loopback.curves.points import Point
 from loopback.curves.rivals import (
     Rival,
@@ -35,9 +31,10 @@ from loopback.quality.video_quality import measure_pictures
 from loopback.report import rounded
 from protocol.call_file import CallWriter
 from protocol.summary import summarise
+from runtime.parallel import parallel_map
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
-Picture = NDArray[np.uint8]
 Warn = Callable[[str], None]
 
 # A rival's rates beyond this say nothing of calls, bits a second.

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from loopback.call_packets import call_packets
 from loopback.curves.contenders import ClipPictures, decoded_call
@@ -17,8 +16,7 @@ from loopback.quality.psnr import psnr_db, squared_error
 from loopback.quality.video_quality import in_source_pixels
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket
-
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Picture
 
 # Times at which pictures are shown, and their longer side, pixels.
 SHOWN, LONGER_SIDE = 6, 480

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 # The lengths of a call at which rates are compared, s; 0: what comes after the start.
 DURATIONS_S = (5.0, 10.0, 60.0, 600.0, 0.0)

@@ -20,13 +20,11 @@ from av.bitstream import BitStreamFilterContext
 from av.packet import Packet
 from av.video.codeccontext import VideoCodecContext
 from av.video.frame import VideoFrame
-from numpy.typing import NDArray
 
 from loopback.judge.ffmpeg import find_ffmpeg
 from loopback.judge.programs import run_program
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
-
-Picture = NDArray[np.uint8]
 
 # No key frame after the first.
 ONE_GROUP = 1_000_000

@@ -9,7 +9,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.video_source import open_source
 from loopback.judge.ffmpeg import find_ffmpeg, vmaf
@@ -26,10 +25,8 @@ from loopback.quality.video_quality import (
     measure_quality,
 )
 from loopback.report import rounded
+from shared_model.arrays import Array, Mask, Picture
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 Warn = Callable[[str], None]
 
 

@@ -11,12 +11,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loopback.judge.observer import MediaPipeJudge, find_observer
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
-
-Picture = NDArray[np.uint8]
 
 
 @lru_cache

@@ -7,14 +7,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import FACE_OVAL, OUTER_EYE_CORNERS
 from loopback.judge.programs import run_program
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Array, Picture, Single
 
 # Pixels of the network's input; the side of the square around a face, in terms of its outline's.
 SIDE, MARGIN = 224, 1.2

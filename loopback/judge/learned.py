@@ -4,13 +4,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loopback.judge.observer import MediaPipeJudge, Observer
 from loopback.judge.programs import run_program
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
-
-Picture = NDArray[np.uint8]
 
 # The value of black in what each network takes; white is 1.
 BLACK = {"lpips": -1.0, "dists": 0.0}

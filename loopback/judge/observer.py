@@ -20,11 +20,8 @@ from encoder.detection.landmarks import LandmarkTracker, open_landmark_tracker
 from encoder.detection.segmentation import person_probability
 from encoder.detection.tflite import NetworkFilesMissing, find_segmentation_network
 from loopback.judge.programs import run_program
+from shared_model.arrays import Array, Mask, Picture
 from shared_model.errors import UserError
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 # The Python of the judge's environment; `make judge` makes the second one.
 ENVIRONMENT_VARIABLE, ENVIRONMENT = "RISORIUS_JUDGE", ".judge/bin/python"

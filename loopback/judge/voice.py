@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.sound.sound_file import has_sound, read_sound
 from loopback.judge.observer import MediaPipeJudge, Observer
 from loopback.judge.programs import run_program
 from loopback.quality.intelligibility import RATE_HZ, aligned, delay_s, estoi
 from loopback.report import rounded
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 DNSMOS_RATE_HZ = 16_000
 # Full scale of the samples that are read.

@@ -3,9 +3,8 @@
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 # The rate at which the measure is defined, samples per second.
 RATE_HZ = 10_000

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import LANDMARK_DISTANCES, OUTER_EYE_CORNERS
 from loopback.report import rounded
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 # Landmarks whose places give the pose of a head: nose, chin, eye and mouth corners, forehead, jaw.
 POSE_LANDMARKS = [1, 152, 33, 263, 61, 291, 168, 199]

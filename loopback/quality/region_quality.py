@@ -10,15 +10,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_u8
 from loopback.quality.psnr import psnr_db
 from loopback.report import rounded
+from shared_model.arrays import Array, Mask, Picture
 
-Picture = NDArray[np.uint8]
-Luma = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 # SSIMULACRA2 of a copy beside its original.
 Similarity = Callable[[Picture, Picture], float]
 
@@ -65,7 +62,7 @@ class RegionMeter:
     interval: int = FRAME_INTERVAL
     _values: dict[str, list[float]] = field(default_factory=dict)
     _changes: list[tuple[float, float]] = field(default_factory=list)
-    _before: tuple[Luma, Luma, Mask] | None = None
+    _before: tuple[Array, Array, Mask] | None = None
 
     def add(self, index: int, original: Picture, copy: Picture, face: Mask | None) -> None:
         """Measure frame `index`, if it is its turn.

@@ -15,15 +15,14 @@ from encoder.capture.video_source import Capture, open_source
 from encoder.detection.landmark_indices import face_outline
 from encoder.detection.landmarks import open_landmark_tracker
 from encoder.detection.tflite import NetworkFilesMissing
-from encoder.runtime.image_ops import hull_mask
 from loopback.quality.psnr import psnr_db, squared_error
 from loopback.quality.region_quality import RegionMeter, RegionQuality
 from loopback.quality.ssim import ssim_map
 from loopback.report import rounded
+from runtime.image_ops import hull_mask
+from shared_model.arrays import Mask, Picture
 from shared_model.errors import UserError
 
-Picture = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 Progress = Callable[[int, int | None], None]
 # The face of a picture as a mask, (height, width) bool; None: no face.
 FaceMaskFinder = Callable[[Picture], Mask | None]

@@ -14,10 +14,10 @@ from protocol.entropy.range_coder import (
     PROBABILITY_ONE,
     RangeDecoder,
 )
-from protocol.runtime.jit import jit
+from runtime.jit import jit
+from shared_model.arrays import Integers
 
 Bytes = NDArray[np.uint8]
-Integers = NDArray[np.int64]
 
 
 @jit

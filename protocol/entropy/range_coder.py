@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+
+from shared_model.arrays import Integers, Picture
 
 PROBABILITY_BITS = 16
 PROBABILITY_ONE = 1 << PROBABILITY_BITS
@@ -93,7 +94,7 @@ class RangeDecoder:
         return max(0, len(self._data) - self._position)
 
     @contextmanager
-    def registers(self) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.int64]]]:
+    def registers(self) -> Iterator[tuple[Picture, Integers]]:
         """The bytes (n,), and code, range and position (3,) for a compiled loop to go on from.
 
         What the loop makes of the three is taken over at the end of the `with` block.

@@ -12,15 +12,9 @@ from numpy.typing import NDArray
 
 from protocol.entropy.adaptive_models import AdaptiveIntegers
 from protocol.frames.scalar_quantiser import motion_from_pose, pose_from_motion
-from protocol.frames.temporal_prediction import (
-    MAX_SCALE_CODE,
-    PREDICTION_KINDS,
-    STEPS_PER_UNIT,
-    Integers,
-)
+from protocol.frames.temporal_prediction import MAX_SCALE_CODE, PREDICTION_KINDS, STEPS_PER_UNIT
+from shared_model.arrays import Array, Integers, Picture
 from shared_model.parameters import EAUS, FaceParameters, Pose, clip_eau
-
-Array = NDArray[np.float64]
 
 GEOMETRY_SIZE = 6 + len(EAUS)
 MAX_MODES = 64
@@ -62,11 +56,11 @@ class FrameTransform:
     """
 
     modes: tuple[bytes, ...]
-    unit_codes: NDArray[np.uint8]
+    unit_codes: Picture
     mean_codes: Integers
     basis: NDArray[np.int8]
     exponents: NDArray[np.int8]
-    scale_codes: NDArray[np.uint8]
+    scale_codes: Picture
     reserved_modes: int = 0
     layers: int = 0
 
@@ -185,14 +179,14 @@ def vector_from_face(face: FaceParameters, reference: Pose) -> Array:
     return np.concatenate([motion, face.eau, face.layers, face.modes])
 
 
-def units_from_codes(codes: NDArray[np.uint8]) -> Array:
+def units_from_codes(codes: Picture) -> Array:
     """(d,) units of unit codes."""
     return np.asarray(
         2.0 ** ((codes.astype(np.float64) - UNIT_CODE_OF_ONE) / UNIT_CODES_PER_OCTAVE)
     )
 
 
-def codes_from_units(unit: Array) -> NDArray[np.uint8]:
+def codes_from_units(unit: Array) -> Picture:
     """(d,) unit codes of the nearest units."""
     codes = np.rint(UNIT_CODES_PER_OCTAVE * np.log2(unit)) + UNIT_CODE_OF_ONE
     return np.asarray(np.clip(codes, 0, 255), np.uint8)

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from protocol.frames.payload_coding import parse_payload
-from protocol.frames.temporal_prediction import FramePredictor, Integers
+from protocol.frames.temporal_prediction import FramePredictor
 from protocol.limits import SEQUENCE_MODULUS
+from shared_model.arrays import Integers
 
 # Packets that are kept: 2.6 s at 8 frames a packet and 25 a second.
 KEPT_PACKETS = 8

@@ -15,12 +15,12 @@ from protocol.errors import ProtocolError
 from protocol.frames.temporal_prediction import (
     CodedFrame,
     FramePredictor,
-    Integers,
     coding_order,
     reconstruct,
     reference_magnitudes,
 )
 from protocol.frames.value_coding import ValueContext, code_value
+from shared_model.arrays import Integers
 
 _UNLIKELY_ONE = PROBABILITY_ONE - 512
 _QUALITY_BITS = 5

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.errors import ProtocolError
+from shared_model.arrays import Array, Integers
 from shared_model.geometry import (
     conjugate,
     multiply,
@@ -21,9 +21,6 @@ from shared_model.geometry import (
     vector_from_quaternion,
 )
 from shared_model.parameters import EAU_INDEX, EAUS, LID_EAUS, THESIS_EAUS, FaceParameters, Pose
-
-Array = NDArray[np.float64]
-Codes = NDArray[np.int64]
 
 # Steps of the codes -128..127 in a model packet.
 AAU_STEP = 1 / 64
@@ -107,7 +104,7 @@ def decode_thesis(payload: bytes, reference: Pose, with_eyelids: bool = False) -
 
 def codes_from_parameters(
     parameters: FaceParameters, reference: Pose, with_eyelids: bool = False
-) -> Codes:
+) -> Integers:
     """(10,) int64 codes -127..127 by `THESIS_TABLE`, with eyelids (12,); values are clipped."""
     motion = motion_from_pose(parameters.pose, reference)
     sent = np.concatenate([motion, parameters.eau[_sent_indices(with_eyelids)]])
@@ -125,7 +122,7 @@ def codes_from_parameters(
     return np.asarray(signed, dtype=np.int64)
 
 
-def parameters_from_codes(codes: Codes, reference: Pose) -> FaceParameters:
+def parameters_from_codes(codes: Integers, reference: Pose) -> FaceParameters:
     """The face of codes (10,), or (12,) with eyelids; EAUs that are not sent are 0."""
     values = np.sign(codes) * _expand(np.abs(codes).astype(np.float64)) + _CENTRE[: len(codes)]
     eau = np.zeros(len(EAUS))

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.frames.value_coding import LOWEST_TABLE, TABLES
-
-Integers = NDArray[np.int64]
+from shared_model.arrays import Integers
 
 STEPS_PER_UNIT = 256
 REFRESH_PERIOD = 3

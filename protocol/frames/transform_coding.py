@@ -28,8 +28,9 @@ from protocol.frames.frame_transform import (
     with_reserved_modes,
     without_reserved_modes,
 )
-from protocol.frames.temporal_prediction import PREDICTION_KINDS, Integers
+from protocol.frames.temporal_prediction import PREDICTION_KINDS
 from protocol.limits import MAX_IMAGE_BYTES, MAX_MESSAGE_LENGTH
+from shared_model.arrays import Integers, Picture
 from shared_model.parameters import EAUS
 
 _KEYS = ("m", "t")
@@ -199,7 +200,7 @@ def _code_table(
     return np.array(rows, dtype=np.int64)
 
 
-def _as_uint8(values: Integers) -> NDArray[np.uint8]:
+def _as_uint8(values: Integers) -> Picture:
     if ((values < 0) | (values > 255)).any():
         raise ValueError("a table's value is beyond a byte")
     return values.astype(np.uint8)

@@ -11,10 +11,10 @@ arithmetic is in integers; both ends run the same code and find the same tables.
 from bisect import bisect
 
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.entropy.integer_codes import code_bits, code_exp_golomb
 from protocol.entropy.range_coder import PROBABILITY_ONE, BitCoder
+from shared_model.arrays import Array, Integers
 
 # fmt: off
 # Of a Laplacian with scale 2 ** (k / 4) steps, k = -20, -19, ... 28, in 1/65536: the probability
@@ -104,10 +104,10 @@ class ValueContext:
 
 
 def context_tables(
-    base_tables: NDArray[np.int64],
-    reference_magnitudes: NDArray[np.int64],
-    magnitudes: NDArray[np.int64],
-) -> NDArray[np.int64]:
+    base_tables: Integers,
+    reference_magnitudes: Integers,
+    magnitudes: Integers,
+) -> Integers:
     """(frames, n) the tables that `ValueContext` gives for the values of a packet, all at once.
 
     base_tables, reference_magnitudes: (frames, n), see `ValueContext.table`.
@@ -127,7 +127,7 @@ def context_tables(
     return np.asarray(np.clip(corrected, 0, TABLES - 1))
 
 
-def _weighted_sums(values: NDArray[np.int64]) -> NDArray[np.int64]:
+def _weighted_sums(values: Integers) -> Integers:
     """(frames, n) sum of the values before each one, those of its own frame with weight 3."""
     own = values.cumsum(1)
     whole = own[:, -1:]
@@ -160,7 +160,7 @@ def _code_escape(coder: BitCoder, excess: int) -> int:
 MAX_MAGNITUDE = UNARY_LIMIT + (((2 << ESCAPE_TOP) - 1) << ESCAPE_LOW)
 
 
-def value_bits() -> NDArray[np.float64]:
+def value_bits() -> Array:
     """(TABLES, UNARY_LIMIT + 1) bits that a value of each magnitude takes by each table."""
     zero, stop = (
         np.array(ZERO_PROBABILITIES) / PROBABILITY_ONE,

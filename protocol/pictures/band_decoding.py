@@ -1,14 +1,10 @@
-"""Decoding of one subband in compiled loops.
-
-They read the same symbols as `plane_decoding.ArrayBandDecoder` and let other threads run meanwhile.
-"""
+"""Decoding of one subband in compiled loops, which let other threads run meanwhile."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from protocol.entropy.compiled_decoding import Bytes, Integers, read_bit
+from protocol.entropy.compiled_decoding import Bytes, read_bit
 from protocol.entropy.range_coder import PROBABILITY_ONE, RangeDecoder
 from protocol.pictures.coefficient_coding import LONGEST, STEP_OUTPUTS, UNARY_LIMIT
 from protocol.pictures.coefficient_context import (
@@ -27,9 +23,8 @@ from protocol.pictures.symbol_prediction import (
     make_predictor,
     predict,
 )
-from protocol.runtime.jit import jit
-
-Bools = NDArray[np.bool_]
+from runtime.jit import jit
+from shared_model.arrays import Integers, Mask
 
 _STEP_OUTPUTS = np.array(STEP_OUTPUTS)
 # What stands for a magnitude that no encoder writes.
@@ -141,7 +136,7 @@ def _flags(
 def _coefficients(
     data: Bytes,
     registers: Integers,
-    context: tuple[Integers, Bools, Integers],
+    context: tuple[Integers, Mask, Integers],
     band: Integers,
     of_magnitudes: Predictor,
     of_signs: Predictor,

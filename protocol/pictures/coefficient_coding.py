@@ -4,13 +4,11 @@ A decoder runs the same code; it ignores the values it is given and returns thos
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.entropy.adaptive_models import AdaptiveIntegers
 from protocol.entropy.integer_codes import code_exp_golomb
 from protocol.entropy.range_coder import BitCoder
-
-Integers = NDArray[np.int64]
+from shared_model.arrays import Integers
 
 # Magnitudes have a unary code up to this one; the excess of larger ones has an Exp-Golomb code.
 UNARY_LIMIT = 60

@@ -15,11 +15,8 @@ from enum import IntEnum
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from shared_model.arrays import Array, Integers, Mask
 
 TILE = 4
 # Bands of up to so many coefficients have no tile flags.
@@ -102,7 +99,7 @@ class CodingPass:
         height, width = self.grid
         return self.rows * POSITION_CELLS // height, self.columns * POSITION_CELLS // width
 
-    def subset(self, chosen: Bools) -> "CodingPass":
+    def subset(self, chosen: Mask) -> "CodingPass":
         """The pass with the positions chosen (n,) alone."""
         return CodingPass(self.number, self.grid, self.rows[chosen], self.columns[chosen])
 
@@ -117,7 +114,7 @@ class CoefficientContext:
     Attributes magnitudes, values: the grids of the features of magnitudes and of signs.
     """
 
-    def __init__(self, bands: Integers, active: Bools, tile_flags: Integers) -> None:
+    def __init__(self, bands: Integers, active: Mask, tile_flags: Integers) -> None:
         self._active = active
         height, width = self._shape = active.shape
         self._across = width + 2 * PAD

@@ -5,17 +5,13 @@ the picture.  The context of a cell is six neighbours that are coded before it; 
 the mask count as background (0).
 """
 
-from importlib.util import find_spec
-
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.entropy.adaptive_models import AdaptiveBits
-from protocol.entropy.range_coder import BitCoder, RangeDecoder, RangeEncoder
+from protocol.entropy.range_coder import RangeDecoder, RangeEncoder
 from protocol.entropy.varint import decode_varint, encode_varint
 from protocol.errors import ProtocolError
-
-Mask = NDArray[np.bool_]
+from shared_model.arrays import Mask
 
 TAG = b"C"
 # Cells along each side, for any shape of picture; of a fine mask, which only layers may have.
@@ -54,7 +50,7 @@ def parse_background(data: bytes) -> tuple[Mask | None, bytes]:
 def encode_mask(mask: Mask) -> bytes:
     """The bytes of a mask (n, n), true on the person."""
     coder = RangeEncoder()
-    _code(coder, mask)
+    _encode(coder, mask)
     return coder.finish()
 
 
@@ -68,21 +64,18 @@ def decode_mask(data: bytes, side: int = MASK_SIDE) -> Mask:
 
 
 def _decode(coder: RangeDecoder, side: int) -> Mask:
-    if find_spec("numba") is None:
-        return _code(coder, np.zeros((side, side), np.bool_))
     # Imported where used: Numba takes more than a second.
     from protocol.entropy.compiled_decoding import decode_bit_map
 
     return decode_bit_map(coder, side, np.array(_CONTEXT_OFFSETS)).astype(np.bool_)
 
 
-def _code(coder: BitCoder, mask: Mask) -> Mask:
+def _encode(coder: RangeEncoder, mask: Mask) -> None:
     bits = AdaptiveBits(1 << len(_CONTEXT_OFFSETS))
-    known = [[0] * (len(mask) + 2 * _PAD) for _ in range(len(mask) + _PAD)]
-    for i, row in enumerate(mask.tolist(), _PAD):
-        for j, foreground in enumerate(row, _PAD):
+    padded = np.pad(mask, ((_PAD, 0), (_PAD, _PAD))).tolist()
+    for i in range(_PAD, len(mask) + _PAD):
+        for j in range(_PAD, len(mask) + _PAD):
             context = 0
             for up, left in _CONTEXT_OFFSETS:
-                context = context << 1 | known[i - up][j - left]
-            known[i][j] = bits.code(coder, context, int(foreground))
-    return np.array(known, np.bool_)[_PAD:, _PAD:-_PAD]
+                context = context << 1 | padded[i - up][j - left]
+            bits.code(coder, context, int(padded[i][j]))

@@ -14,7 +14,6 @@ light.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.entropy.adaptive_models import AdaptiveIntegers
 from protocol.entropy.range_coder import BitCoder, RangeDecoder, RangeEncoder
@@ -25,15 +24,12 @@ from protocol.pictures.foreground_mask import (
     FINE_MASK_SIDE,
     MASK_SIDE,
     MAX_MASK_BYTES,
-    Mask,
     decode_mask,
     encode_mask,
     parse_background,
 )
 from protocol.pictures.picture_codec import ModeCodec
-
-Codes = NDArray[np.int64]
-Single = NDArray[np.float32]
+from shared_model.arrays import Integers, Mask, Single
 
 TAG, FLAGGED_TAG = b"L", b"M"
 # Of the motion of the scene, see `shared_model.layers.scene_motion`.
@@ -71,7 +67,7 @@ class LayeredBackground:
     mask: Mask
     person: bytes
     scene: bytes
-    fields: Codes
+    fields: Integers
     changes: tuple[bytes, ...] = ()
     scene_moves: bool = False
     light_changes: bool = False
@@ -163,14 +159,14 @@ def background_pictures(background: bytes, width: int, height: int) -> tuple[byt
     return layers.person, layers.scene
 
 
-def encode_fields(fields: Codes) -> bytes:
+def encode_fields(fields: Integers) -> bytes:
     """The bytes of motion fields (k, rows, columns, 2), see `LayeredBackground`."""
     coder = RangeEncoder()
     _code_fields(coder, fields)
     return coder.finish()
 
 
-def decode_fields(data: bytes, shape: tuple[int, ...]) -> Codes:
+def decode_fields(data: bytes, shape: tuple[int, ...]) -> Integers:
     """Motion fields of a shape (k, rows, columns, 2).  Raises `ProtocolError`."""
     coder = RangeDecoder(data)
     try:
@@ -182,7 +178,7 @@ def decode_fields(data: bytes, shape: tuple[int, ...]) -> Codes:
     return fields
 
 
-def _code_fields(coder: BitCoder, fields: Codes) -> Codes:
+def _code_fields(coder: BitCoder, fields: Integers) -> Integers:
     """Code fields; a decoder uses only their shape.  Raises `ValueError` beyond the largest code.
 
     A code is predicted by left + above - (above left); codes outside the field are 0.

@@ -21,9 +21,7 @@ from protocol.pictures.probability_model import BACKGROUND, MODE, TEXTURE
 from protocol.pictures.subband_coding import PictureSequence
 from protocol.pictures.subband_pyramid import SubbandPyramid, dequantised
 from protocol.pictures.weight_map import decode_weight_map
-
-Single = NDArray[np.float32]
-Array = NDArray[np.float64]
+from shared_model.arrays import Array, Single
 
 TAGS = {BACKGROUND: b"S", TEXTURE: b"T"}
 _KINDS = {tag: kind for kind, tag in TAGS.items()}

@@ -14,7 +14,6 @@ from importlib.resources import files
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.entropy.range_coder import PROBABILITY_ONE
 from protocol.pictures.coefficient_context import (
@@ -24,9 +23,8 @@ from protocol.pictures.coefficient_context import (
     log_feature,
 )
 from protocol.pictures.wavelet import LEVELS
+from shared_model.arrays import Array, Integers
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Band = TypeVar("Band")
 
 # Kinds of pictures.

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.entropy.adaptive_models import AdaptiveIntegers
 from protocol.pictures.coefficient_context import (
@@ -29,9 +28,7 @@ from protocol.pictures.subband_pyramid import (
     map_bands,
     plane_shape,
 )
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from shared_model.arrays import Integers
 
 
 class PlaneCoder(Protocol):

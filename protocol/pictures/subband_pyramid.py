@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from protocol.pictures.probability_model import BandPosition
 from protocol.pictures.wavelet import LEVELS, inverse_transform
+from shared_model.arrays import Array, Integers
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Shape = tuple[int, int]
 
 # A coefficient is reconstructed nearer to zero than the middle of its interval, by so many steps.

@@ -8,7 +8,6 @@ tests/test_protocol/pictures/test_subband_coding.py checks that both give the sa
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.pictures.coefficient_context import (
     FIRST_SIGNED,
@@ -27,11 +26,8 @@ from protocol.pictures.probability_model import (
     WEIGHT_BITS,
     Mlp,
 )
-from protocol.runtime.jit import jit
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from runtime.jit import jit
+from shared_model.arrays import Array, Integers, Mask
 
 PASSES = len(PASS_OFFSETS)
 _PASS_OFFSETS = np.array(PASS_OFFSETS)
@@ -75,7 +71,7 @@ def make_predictor(mlp: Mlp, context: ContextOffsets) -> Predictor:
 
 
 @jit
-def list_positions(active: Bools) -> tuple[Integers, Integers, Integers]:
+def list_positions(active: Mask) -> tuple[Integers, Integers, Integers]:
     """The active positions of a grid (h, w) in coding order: rows (n,), columns (n,), and the index
     of each pass' first position and of the end (PASSES + 1,)."""
     count = active.sum()

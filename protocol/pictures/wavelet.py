@@ -6,9 +6,8 @@ The transform is in floating point: nothing is predicted from its output.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 LEVELS = 5
 # Lifting steps, and the gain that makes the wavelets nearly orthonormal.

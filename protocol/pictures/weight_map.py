@@ -6,13 +6,11 @@ after decoding.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from protocol.entropy.adaptive_models import AdaptiveIntegers
 from protocol.entropy.range_coder import BitCoder, RangeDecoder, RangeEncoder
 from protocol.errors import ProtocolError
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Array, Integers
 
 # Cells along each side; quantiser step and range of the logarithm of the weights, octaves.
 GRID_SIDE = 12
@@ -46,7 +44,7 @@ def decode_weight_map(name: str, data: bytes, height: int, width: int) -> Array:
     return np.asarray(_interpolation_weights(height) @ cells @ _interpolation_weights(width).T)
 
 
-def _code(coder: BitCoder, steps: NDArray[np.int64]) -> NDArray[np.int64]:
+def _code(coder: BitCoder, steps: Integers) -> Integers:
     """Code (GRID_SIDE, GRID_SIDE) integers, predicted from the left, at the edge from above."""
     integers = AdaptiveIntegers(3)
     known = np.zeros((GRID_SIDE + 1, GRID_SIDE + 1), np.int64)

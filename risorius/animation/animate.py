@@ -12,7 +12,6 @@ from typing import Any, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.rendering.renderer import Renderer
 from decoder.scene.reenactment import read_model
@@ -30,6 +29,7 @@ from risorius.animation.animation_script import (
 from risorius.animation.ground_truth import FrameGeometry, frame_truth, script_truth, write_truth
 from risorius.animation.synthetic_skin import painted_colours
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Array, Picture, Single
 from shared_model.errors import UserError, cannot_read
 from shared_model.geometry import (
     FRONTAL,
@@ -43,11 +43,8 @@ from shared_model.mesh import Head, generic_head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS, FaceParameters, Pose
 from shared_model.stage_timer import StageTimer
 
-Array = NDArray[np.float64]
-
 # The jaw drops by no more at rest.
 REST_JAW = 0.1
-Picture = NDArray[np.uint8]
 Progress = Callable[[int, int | None], None]
 
 # Focal length of a script that names none, over the picture's longer side.
@@ -220,7 +217,7 @@ def degrade(
     return np.asarray(np.clip(np.rint(value), 0, 255), dtype=np.uint8)
 
 
-def side_light(width: int, side: float) -> NDArray[np.float32]:
+def side_light(width: int, side: float) -> Single:
     """(width,) gain of light from the picture's left (side -1) or right (+1); 1 in the middle."""
     return (1 + side * SIDE_SHARE * np.linspace(-1, 1, width)).astype(np.float32)
 
@@ -254,7 +251,7 @@ def _pose_from_home(home: Pose, state: AnimationState) -> Pose:
     return Pose(normalise(multiply(home.rotation, local)), moved)
 
 
-def _background(script: Script) -> NDArray[np.float32] | None:
+def _background(script: Script) -> Single | None:
     if script.background is None:
         return None
     try:

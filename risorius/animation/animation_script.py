@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loopback.toml_file import read_toml
 from shared_model.anatomy.expressions import EMOTIONS
+from shared_model.arrays import Array
 from shared_model.curves import smooth_curve
 from shared_model.errors import UserError
 from shared_model.parameters import AAUS, EAUS, clip_eau
-
-Array = NDArray[np.float64]
 
 # Track -> (value where no key sets it, lowest, highest).
 POSE = {

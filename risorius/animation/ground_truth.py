@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from risorius.animation.animation_script import AnimationState, Script
+from shared_model.arrays import Array
 from shared_model.errors import cannot_write
 from shared_model.geometry import Camera, euler_deg, pixel_from_head
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, EAUS, Pose
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

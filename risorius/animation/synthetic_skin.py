@@ -3,13 +3,10 @@
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.rendering.render_geometry import part_colours
+from shared_model.arrays import Array, Mask, Picture
 from shared_model.mesh import OUTER_LIPS, PARTS, Head, inside_mouth
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # BGR.
 LIPS = (95, 95, 175)
@@ -56,7 +53,7 @@ def network_points(head: Head, index: tuple[int, ...]) -> Array:
     return np.asarray((head.network_weights[chosen][..., None] * corners).sum(1))
 
 
-def _skin(head: Head) -> NDArray[np.bool_]:
+def _skin(head: Head) -> Mask:
     return np.asarray(head.parts == PARTS.index("skin"))
 
 

@@ -10,12 +10,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import BinaryIO, Self, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
 from decoder.call_pictures import DrawnFrame
 from protocol.call_parameters import CallParameters
 from risorius.call_page.page_thread import PageThread
+from shared_model.arrays import Samples
 
 # An interrupted program ends within about this time.
 NAP_S = 0.1
@@ -63,7 +61,7 @@ class CallView:
             self._sleep_until(self._start_s + time_s)
         self._page.show(frame.index, time_s, frame.picture, frame.frozen, frame.lost)
 
-    def play(self, time_s: float, rate_hz: int, samples: NDArray[np.int16]) -> None:
+    def play(self, time_s: float, rate_hz: int, samples: Samples) -> None:
         """Play the voice, see `decoder.pipeline.decode`."""
         self._page.play(time_s, rate_hz, samples)
 

@@ -9,11 +9,10 @@ from threading import Thread
 from typing import Any, Self
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_server import PageServer
+from shared_model.arrays import Picture, Samples
 
 JPEG_QUALITY = 90
 # How often who waits for a page asks whether to stop, how long a slow page may take for the last
@@ -46,9 +45,7 @@ class PageThread:
         while not self._joined.done() and not stop():
             time.sleep(NAP_S)
 
-    def show(
-        self, index: int, time_s: float, picture: NDArray[np.uint8], frozen: bool, lost: bool
-    ) -> None:
+    def show(self, index: int, time_s: float, picture: Picture, frozen: bool, lost: bool) -> None:
         """Show a picture, (height, width, 3) uint8 BGR.
 
         index, time_s: of its source frame.  frozen: it repeats an older face; lost: since nothing
@@ -60,7 +57,7 @@ class PageThread:
         )
         self._loop.call_soon_threadsafe(self._server.show, message)
 
-    def play(self, time_s: float, rate_hz: int, samples: NDArray[np.int16]) -> None:
+    def play(self, time_s: float, rate_hz: int, samples: Samples) -> None:
         """Play a voice, (n,) int16 at `rate_hz`; time_s: of its first sample in the source."""
         message = SoundMessage(Stream.VOICE, rate_hz, time_s, 0.0, samples.tobytes())
         self._loop.call_soon_threadsafe(self._server.play, message)
@@ -101,7 +98,7 @@ class PageThread:
             raise
 
 
-def encoded_picture(picture: NDArray[np.uint8]) -> bytes:
+def encoded_picture(picture: Picture) -> bytes:
     """A picture (height, width, 3) uint8 BGR as a JPEG file."""
     done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     assert done

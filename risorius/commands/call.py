@@ -13,12 +13,10 @@ from risorius.command_line.parser import add_command
 from risorius.command_line.progress import say, warn
 from risorius.live_call.call_place import add_place, read_place
 from risorius.live_call.messages import BROWSER, CAMERA_SOUND
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from risorius.command_line.parser import Commands
     from risorius.live_call.call_options import CallOptions
 
@@ -145,7 +143,7 @@ def _options(arguments: argparse.Namespace) -> "CallOptions":
     )
 
 
-def _other_face(arguments: argparse.Namespace) -> "NDArray[np.uint8] | None":
+def _other_face(arguments: argparse.Namespace) -> "Picture | None":
     if arguments.face is None:
         if arguments.face_on:
             raise UserError("--face-on needs --face OTHER")

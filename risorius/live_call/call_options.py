@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from risorius.live_call.call_place import CallPlace
+from shared_model.arrays import Picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +26,7 @@ class CallOptions:
     voice: str
     bitrate: float
     low_delay: bool
-    face: NDArray[np.uint8] | None
+    face: Picture | None
     face_on: bool
     port: int
     folder: Path

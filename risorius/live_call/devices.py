@@ -12,7 +12,7 @@ from encoder.capture.live_capture import FrameMailbox, LiveCapture, read_camera
 from encoder.capture.picture_size import reduced
 from encoder.capture.video_source import Capture, open_source
 from encoder.sound.file_microphone import FileMicrophone
-from encoder.sound.live_speech import LiveSpeech, Samples
+from encoder.sound.live_speech import LiveSpeech
 from encoder.sound.speech_encoder import speech_rate_hz
 from encoder.sound.voice_packer import VoicePacker
 from risorius.live_call.messages import (
@@ -24,6 +24,7 @@ from risorius.live_call.messages import (
     SendingOptions,
     Switch,
 )
+from shared_model.arrays import Samples
 from shared_model.errors import UserError
 
 # Pictures a second that are taken from a camera in the browser, and from a faster one at most.

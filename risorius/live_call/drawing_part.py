@@ -9,8 +9,7 @@ import numpy as np
 
 from decoder.call_pictures import CallPictures, DrawnFrame
 from decoder.playout.call_source import CallSource, open_packet_source
-from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
-from encoder.runtime.parallel import lower_priority_of_process
+from decoder.sound.sound_track import SoundTrack, open_sound_track
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import Arrival, PacketSource
@@ -29,6 +28,8 @@ from risorius.live_call.packets.stamped_source import StampedSource
 from risorius.live_call.packets.traffic_meter import MeteredSource, TrafficMeter
 from risorius.live_call.part_connection import PartConnection
 from risorius.live_call.thinning import Thinning
+from runtime.parallel import lower_priority_of_process
+from shared_model.arrays import Samples
 from shared_model.errors import LINK_FAILED, UserError
 
 # No packet for so long: the link is lost, or the other end is.

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 from protocol.link.interface import CONNECT_TIMEOUT_S
 from protocol.security.link_security import LinkSecurity
+from shared_model.arrays import Picture
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    pass
 
 # What stands for the camera or the microphone of the page.
 BROWSER = "browser"
@@ -53,7 +53,7 @@ class SendingOptions:
     bitrate: float
     low_delay: bool
     monitor: int | None
-    face: "NDArray[np.uint8] | None" = None
+    face: "Picture | None" = None
     face_on: bool = False
 
 

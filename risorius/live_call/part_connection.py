@@ -1,16 +1,17 @@
 """A part of a call: a process of its own, and its end of the connection to the page's process."""
 
 import signal
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from importlib import import_module
-from multiprocessing.connection import Connection
 from threading import Event, Lock
 from typing import Any
 
 from protocol.link.link_protection import STRANGERS
 from risorius.live_call.messages import FromPart, Strangers, Trouble
+from runtime.object_stream import ObjectStream
 from shared_model.errors import UserError
 
 # How often a part tells how it goes.
@@ -23,13 +24,13 @@ class PartConnection:
     is_over: set once that is gone, or wants the part to end.
     """
 
-    def __init__(self, connection: "Connection[Any, Any]") -> None:
-        self._connection, self._lock, self.is_over = connection, Lock(), Event()
+    def __init__(self, stream: ObjectStream) -> None:
+        self._stream, self._lock, self.is_over = stream, Lock(), Event()
 
     def send(self, message: FromPart) -> None:
         """Send a message; any thread may.  Without anybody to receive it, it is lost."""
         with self._lock, suppress(OSError):
-            self._connection.send(message)
+            self._stream.send(message)
 
     def tell_of_link(self, line: str) -> None:
         """Send on what a link says of strangers; how it goes else is told every second."""
@@ -66,8 +67,8 @@ class PartConnection:
     def _messages(self) -> Iterator[Any]:
         while True:
             try:
-                yield self._connection.recv()
-            except (EOFError, OSError):
+                yield self._stream.receive()
+            except EOFError:
                 return
 
 
@@ -78,11 +79,11 @@ def serve(descriptor: int, module: str) -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     run: Callable[[PartConnection, Any], None] = import_module(module).run
-    connection: Connection[Any, Any] = Connection(descriptor)
-    part = PartConnection(connection)
-    options = connection.recv()
+    stream = ObjectStream(socket.socket(fileno=descriptor))
+    part = PartConnection(stream)
+    options = stream.receive()
     try:
         run(part, options)
     except UserError as error:
         part.send(Trouble(str(error), error.exit_code))
-    connection.close()
+    stream.close()

@@ -1,17 +1,12 @@
 """A part of a call as the page's process sees it: started, spoken to, and ended."""
 
 import asyncio
-import os
-import socket
 import subprocess
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from multiprocessing.connection import Connection
 from threading import Condition, Thread
-from typing import Any
 
-from encoder.runtime.child_process import start_child
 from risorius.live_call.messages import (
     CameraPicture,
     DrawingOptions,
@@ -21,6 +16,8 @@ from risorius.live_call.messages import (
     ToDrawer,
     ToSender,
 )
+from runtime.child_process import start_child
+from runtime.object_stream import ObjectStream
 
 # Pictures and pieces of sound that may wait for a part that is busy.
 MAX_PICTURES, MAX_SOUNDS = 2, 50
@@ -43,11 +40,11 @@ class PartProcess:
         receive: Callable[[FromPart | None], None],
         loop: asyncio.AbstractEventLoop,
     ) -> None:
-        self._process, self._socket = start_child(
+        self._process, ours = start_child(
             "risorius.live_call.part_connection", [module], descriptors
         )
-        self._connection: Connection[Any, Any] = Connection(os.dup(self._socket.fileno()))
-        self._connection.send(options)
+        self._stream = ObjectStream(ours)
+        self._stream.send(options)
         self._receive_message, self._loop = receive, loop
         self._waiting = deque[ToSender | ToDrawer]()
         self._changed, self._is_closed = Condition(), False
@@ -93,15 +90,15 @@ class PartProcess:
                     if not self._waiting:
                         break
                     message = self._waiting.popleft()
-                self._connection.send(message)
+                self._stream.send(message)
             # The process may still say something.
-            self._socket.shutdown(socket.SHUT_WR)
+            self._stream.end()
 
     def _receive(self) -> None:
-        with suppress(EOFError, OSError):
+        with suppress(EOFError):
             while True:
-                self._tell(self._connection.recv())
-        self._socket.close()
+                self._tell(self._stream.receive())
+        self._stream.close()
         self._tell(None)
 
     def _tell(self, message: FromPart | None) -> None:

@@ -10,7 +10,6 @@ from encoder.live_model.other_face import OtherFace
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.pipeline import encode_live
-from encoder.runtime.parallel import short_switch_interval
 from protocol.link.interface import MessageCallback, PacketSink
 from risorius.live_call.devices import Devices
 from risorius.live_call.messages import (
@@ -25,6 +24,7 @@ from risorius.live_call.packets.recorder import CallRecorder
 from risorius.live_call.packets.sent_face import SentFace
 from risorius.live_call.packets.traffic_meter import MeteredSink, TrafficMeter
 from risorius.live_call.part_connection import PartConnection
+from runtime.parallel import short_switch_interval
 from shared_model.errors import NO_FACE, UserError
 
 

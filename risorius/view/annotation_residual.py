@@ -6,7 +6,6 @@ from typing import Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.annotation.annotation_file import Annotation, read_annotation
 from aam.model import MultiResolutionModel, texture_at
@@ -14,9 +13,7 @@ from aam.sampling import normalised_luma, window_px, zero_mean_unit_variance
 from aam.texture_frame import texture_frame
 from aam.window import shrunk
 from shared_model.appearance import Atlas
-
-Picture = NDArray[np.uint8]
-Single = NDArray[np.float32]
+from shared_model.arrays import Picture, Single
 
 # Faces of a folder that make its mean, at most, and texels a side.
 MEAN_OF, SIZE = 60, 128

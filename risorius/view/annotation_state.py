@@ -22,13 +22,11 @@ from aam.window import FACE_CENTRE_MM, WINDOW_MM, FaceWindow, window_around
 from encoder.fitting.landmark_fit import landmark_model
 from risorius.view.annotation_residual import Residual
 from risorius.view.view_state import REGIONS
+from shared_model.arrays import Array, Integers, Picture
 from shared_model.errors import UserError, cannot_read
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, generic_head
 from shared_model.parameters import AAUS, EAUS
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # What of a picture the page shows: this many windows, within these sides, pixels.
 MARGIN, LEAST_PX, MOST_PX = 1.1, 480, 960
@@ -162,7 +160,7 @@ def jpeg(picture: Picture) -> bytes:
 
 
 @cache
-def face_triangles() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def face_triangles() -> tuple[Integers, Integers]:
     """Vertices (v,) of the generic head that are drawn, and triangles (t, 3) of these."""
     head = generic_head()
     parts = [PARTS.index(name) for name in ("skin", "eye_left", "eye_right")]

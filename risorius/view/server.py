@@ -17,12 +17,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from risorius.animation.animate import Actor, open_actor, side_light
 from risorius.animation.animation_script import AnimationState, Script, parse_script
 from risorius.view.local_page import HTML, JPEG, JSON, TEXT, PageHandler, PageServer
 from risorius.view.view_state import page_description, state_from_query
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 from shared_model.parameters import clip_eau
 
@@ -121,7 +121,7 @@ def serve(request: RenderRequest, actor: Actor) -> None:
     request.picture.set_result(data.tobytes())
 
 
-def _lit(picture: NDArray[np.uint8], state: AnimationState) -> NDArray[np.uint8]:
+def _lit(picture: Picture, state: AnimationState) -> Picture:
     if state.brightness == 1 and state.side == 0:
         return picture
     light = state.brightness * side_light(picture.shape[1], state.side)

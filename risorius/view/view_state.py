@@ -4,11 +4,11 @@ from typing import Any
 from urllib.parse import parse_qsl
 
 import numpy as np
-from numpy.typing import NDArray
 
 from risorius.animation.animation_script import GROUPS, AnimationState
 from shared_model.anatomy.anthropometry import MEASUREMENTS
 from shared_model.anatomy.expressions import DOWN, EMOTIONS, UP
+from shared_model.arrays import Array
 from shared_model.parameters import EAUS, clip_eau
 
 # Where on the face the page shows an actuator, by the first word of its name.
@@ -81,7 +81,7 @@ def _aaus() -> list[dict[str, Any]]:
     ]
 
 
-def _named(eau: NDArray[np.float64]) -> dict[str, float]:
+def _named(eau: Array) -> dict[str, float]:
     return {e.name: float(value) for e, value in zip(EAUS, eau, strict=True) if value}
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared_model.anatomy.muscles import falloff, ramp
+from shared_model.arrays import Array
 from shared_model.curves import smooth_curve
 from shared_model.mesh import PARTS
 from shared_model.parameters import AAUS
@@ -26,7 +27,6 @@ __all__ = [
     "residual_basis",
 ]
 
-Array = NDArray[np.float64]
 X, Y, Z = range(3)
 
 

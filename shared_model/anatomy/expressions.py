@@ -10,10 +10,9 @@ from shared_model.anatomy import muscle_table as m
 from shared_model.anatomy.jaw_and_eyelids import eyelid_field, gaze_field, jaw_field
 from shared_model.anatomy.mouth import MouthLine, lower_lip, mouth_line, upper_lip
 from shared_model.anatomy.muscles import Muscle, Points, falloff, is_paired
+from shared_model.arrays import Array
 from shared_model.mesh import PARTS
 from shared_model.parameters import EAU_INDEX, EAUS
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from shared_model.anatomy.mouth import MouthLine
 from shared_model.anatomy.muscles import Points, falloff, ramp
+from shared_model.arrays import Array, Mask
 from shared_model.geometry import matrix_from_quaternion, quaternion_from_vector
 from shared_model.mesh import PARTS
 
-Array = NDArray[np.float64]
 Parts = NDArray[np.integer]
 
 # Skin of the tragus to the middle of the condyle: forward and down (tissue and joint), mm.
@@ -36,7 +36,7 @@ INNER_CANTHUS, OUTER_CANTHUS = 1.1, 0.8
 LOWER_EYELID_DEG = 28.0
 
 
-def _in_part(parts: Parts, *names: str) -> NDArray[np.bool_]:
+def _in_part(parts: Parts, *names: str) -> Mask:
     return np.isin(parts, [PARTS.index(name) for name in names])
 
 

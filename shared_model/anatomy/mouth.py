@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared_model.anatomy.muscles import Points, falloff, ramp
+from shared_model.arrays import Array, Mask
 
-Array = NDArray[np.float64]
 # Vertices of different parts within this distance count as joined.
 WELD_MM = 0.05
 # Where the corner begins, relative to the half width of the mouth; beyond it the lips are one.
@@ -88,14 +88,12 @@ def surface_distance(vertices: Array, neighbours: dict[int, set[int]], source: i
     return distance
 
 
-def _nearest(vertices: Array, point: Array, near: NDArray[np.bool_]) -> int:
+def _nearest(vertices: Array, point: Array, near: Mask) -> int:
     candidates = np.flatnonzero(near)
     return int(candidates[np.linalg.norm(vertices[candidates] - point, axis=1).argmin()])
 
 
-def _neighbours(
-    vertices: Array, triangles: NDArray[np.integer], near: NDArray[np.bool_]
-) -> dict[int, set[int]]:
+def _neighbours(vertices: Array, triangles: NDArray[np.integer], near: Mask) -> dict[int, set[int]]:
     """The neighbours of each of the vertices `near`; vertices at the same position are joined."""
     neighbours: dict[int, set[int]] = {}
     for a, b, c in triangles[near[triangles].all(1)].tolist():

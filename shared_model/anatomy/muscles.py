@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
+
 Points = Mapping[str, Array]
 Offset = tuple[float, float, float]
 

@@ -13,8 +13,9 @@ the chin and the hairline in the picture stay under the drawn ones and no second
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from shared_model.arrays import Array, Indices
 from shared_model.geometry import (
     Camera,
     camera_from_head,
@@ -28,8 +29,6 @@ from shared_model.layers.mesh_folding import max_unfolded_step
 from shared_model.mesh import PARTS, Head
 from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
 
 # Cells of the mesh in a face width; at most so many along the longer side of the picture.
 CELLS_PER_FACE = 10
@@ -61,9 +60,9 @@ class SkinConstraints:
         to at most 1.
     """
 
-    vertices: NDArray[np.intp]
+    vertices: Indices
     rigid_mm: Array
-    points: NDArray[np.intp]
+    points: Indices
     rbf_weights: Array
 
 

@@ -5,11 +5,9 @@ points of the mesh of `head_motion`.  A frame has a coefficient for each field.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array
 from shared_model.layers.head_motion import BackgroundMesh
-
-Array = NDArray[np.float64]
 
 # Mesh cells along the edges of the picture over which inward motion falls to 0.
 EDGE_CELLS = 2.0

@@ -6,9 +6,8 @@ A frame shows (1 + g) (v - 128) + 128 + o where the layers have the grey level v
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 # The grey level that a gain leaves as it is.
 PIVOT_GREY = 128.0

@@ -3,9 +3,8 @@
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 
 def max_unfolded_step(grid: Array, motion: Array, min_area: float) -> float:

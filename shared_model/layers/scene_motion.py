@@ -5,9 +5,8 @@ shift to the right, shift down, zoom and roll.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array
 
 # The displacement for a coefficient of 1, in the longer side of the picture: of all points when
 # the scene shifts, otherwise of those half the longer side off the middle.

@@ -1,9 +1,8 @@
 """The opacity of the person in a picture of any size: their mask with a soft edge."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array, Mask
 
 # Standard deviation of the Gaussian kernel that softens the mask, in its cells, and where it ends.
 FEATHER_SIGMA, FEATHER_REACH = 1.5, 4
@@ -12,7 +11,7 @@ FEATHER_SIGMA, FEATHER_REACH = 1.5, 4
 OPACITY_RANGE = 0.45, 0.9
 
 
-def opacity(mask: NDArray[np.bool_], width: int, height: int) -> Array:
+def opacity(mask: Mask, width: int, height: int) -> Array:
     """(height, width) 0..1: the opacity of the person.  mask: (n, n), true on the person."""
     blur = _blur_matrix(len(mask))
     down, across = (_resampling_matrix(side, len(mask)) @ blur for side in (height, width))

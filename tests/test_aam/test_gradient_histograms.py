@@ -1,22 +1,22 @@
 """Histograms of gradients: where edges are and how they run."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.texture_frame import texture_frame
 from aam.validation.units.gradient_histograms import ORIENTATIONS, gradient_histograms
+from shared_model.arrays import Single
 
 SIZE = 64
 FRAME = texture_frame(SIZE, "full")
 
 
-def striped(angle: float) -> NDArray[np.float32]:
+def striped(angle: float) -> Single:
     """Texels with waves along a direction, radians."""
     along = np.cos(angle) * FRAME.columns + np.sin(angle) * FRAME.rows
     return np.asarray(np.sin(along / 2), np.float32)
 
 
-def cells(texture: NDArray[np.float32]) -> NDArray[np.float32]:
+def cells(texture: Single) -> Single:
     return gradient_histograms(SIZE, "full", texture).reshape(-1, ORIENTATIONS)
 
 

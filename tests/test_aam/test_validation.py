@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from aam_faces import synthetic_faces
-from numpy.typing import NDArray
 
 from aam.search.search import METHODS, SearchOptions
 from aam.training.train import TrainingOptions
@@ -36,8 +35,8 @@ from aam.validation.search_experiments import Generalisation, generalisation
 from aam.validation.units.action_units import Recognition, UnitResult, recognise, show_faces
 from aam.validation.units.expressed_faces import UNITS, with_units
 from aam.warps import head_warp
+from shared_model.arrays import Array
 
-Array = NDArray[np.float64]
 OPTIONS = TrainingOptions(size=64, normalisation="none", mirror=False, cascade=False)
 
 

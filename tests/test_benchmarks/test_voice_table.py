@@ -4,15 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from sounds import write_wave
 
 from benchmarks.voice_table.__main__ import main
 from benchmarks.voice_table.chain import measure
+from shared_model.arrays import Samples
 from shared_model.errors import UserError
 
 
-def vowels(count: int, rate_hz: int) -> NDArray[np.int16]:
+def vowels(count: int, rate_hz: int) -> Samples:
     """Harmonics of 120 Hz under two formants that wander, (count,) int16."""
     time_s = np.arange(count) / rate_hz
     formants_hz = 600 + 300 * np.sin(8 * time_s), 1700 + 600 * np.sin(5 * time_s)

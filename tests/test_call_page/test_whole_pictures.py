@@ -7,8 +7,9 @@ from urllib.request import urlopen
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from processes import LIMIT_S
+
+from shared_model.arrays import Picture
 
 aiohttp = pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
@@ -21,7 +22,7 @@ COUNT, STEP = 20, 12
 LARGE = 1080, 1920, 3
 
 
-def pictures_of(stream: bytes) -> Iterator[NDArray[np.uint8]]:
+def pictures_of(stream: bytes) -> Iterator[Picture]:
     """The pictures of a stream that has ended; fails if one is cut off."""
     nothing, *parts = stream.split(b"--picture\r\n")
     assert nothing == b"" and parts.pop() == b""

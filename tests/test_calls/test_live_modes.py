@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from call_contents import packets_of
 from conftest import LIVE_MODEL_BYTES, without_layers
-from numpy.typing import NDArray
 from videos import read_frames
 
 from decoder.pipeline import DecodeOptions, decode
@@ -33,6 +32,7 @@ from protocol.frames.transform_coding import parse_transform, serialise_transfor
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, Packet, serialise
 from protocol.progressive_model import LayerBuffer
+from shared_model.arrays import Array, Integers, Picture
 
 # Light comes from one side once the first update is in use.
 FRAMES, LATE, PACKED = 75, 55, 8
@@ -54,8 +54,8 @@ class Sent:
     path: Path
     states: list[ModelState] = field(default_factory=list)
     modes: dict[int, list[bytes]] = field(default_factory=dict)
-    targets: list[NDArray[np.float64]] = field(default_factory=list)
-    frames: list[NDArray[np.int64]] = field(default_factory=list)
+    targets: list[Array] = field(default_factory=list)
+    frames: list[Integers] = field(default_factory=list)
 
     def packets(self) -> list[Packet]:
         return packets_of(self.path)
@@ -111,7 +111,7 @@ def send(clip: Path, startup_bitrate: float | None = None, frames: int | None = 
     return found
 
 
-def drawn(packets: Sequence[Packet], path: Path) -> list[NDArray[np.uint8]]:
+def drawn(packets: Sequence[Packet], path: Path) -> list[Picture]:
     path.write_bytes(MAGIC + serialise_records(serialise(packet) for packet in packets))
     video = path.with_suffix(".mkv")
     report = decode(DecodeOptions(path, output=video), lambda done, total: None, lambda: False)
@@ -119,7 +119,7 @@ def drawn(packets: Sequence[Packet], path: Path) -> list[NDArray[np.uint8]]:
     return read_frames(video)
 
 
-def late_face_psnr_db(wanted: list[NDArray[np.uint8]], found: list[NDArray[np.uint8]]) -> float:
+def late_face_psnr_db(wanted: list[Picture], found: list[Picture]) -> float:
     """Of luma in the middle of the later pictures, where the face is."""
     errors = [
         cv2.cvtColor(one, cv2.COLOR_BGR2GRAY)[25:95, 50:110].astype(float)
@@ -159,11 +159,11 @@ def test_the_model_goes_through_the_states_of_the_table(sent: Sent) -> None:
         assert near & set(NEXT_STATES[before])
 
 
-def frames_and_modes(packets: Sequence[Packet]) -> list[tuple[NDArray[np.int64], int]]:
+def frames_and_modes(packets: Sequence[Packet]) -> list[tuple[Integers, int]]:
     """The frames of each packet as a decoder reads them, and how many of their last values are of
     reserved modes."""
     announced: list[ModelPacket] = []
-    found: list[tuple[NDArray[np.int64], int]] = []
+    found: list[tuple[Integers, int]] = []
     for packet in packets:
         if isinstance(packet, ModelPacket):
             announced.append(packet)

@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import LIVE_MODEL_BYTES, without_layers
-from numpy.typing import NDArray
 from videos import read_frames
 
 from decoder.pipeline import DecodeOptions, decode
@@ -20,9 +19,9 @@ from encoder.pipeline import encode_live
 from protocol.call_file import CallReader, CallWriter
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet
+from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
 
-Picture = NDArray[np.uint8]
 FRAMES, PACKED = 60, 4
 
 
@@ -36,7 +35,7 @@ def blue_face(clip: Path) -> Picture:
 
 def call_of(
     clip: Path, folder: Path, is_shown: Callable[[int], bool], picture: Picture
-) -> tuple[list[Packet], NDArray[np.float64]]:
+) -> tuple[list[Packet], Array]:
     """The packets of a call, and by how much red exceeds blue in each decoded picture.
 
     is_shown: whether another face is shown once so many frames are encoded.

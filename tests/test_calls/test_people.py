@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import ClipFrames
-from numpy.typing import NDArray
 
 import risorius
 from decoder.pipeline import DecodeOptions, decode
@@ -18,8 +17,8 @@ from encoder.detection.tflite import find_segmentation_network
 from protocol.call_file import CallReader
 from protocol.packets import ControlKind, ControlPacket, parse_packet
 from protocol.summary import summarise
+from shared_model.arrays import Picture
 
-Picture = NDArray[np.uint8]
 WIDTH, HEIGHT = 320, 240
 PERSON_GONE = ControlKind.PERSON_GONE
 FIRST, GAP, SECOND = 40, 20, 60

@@ -17,7 +17,6 @@ from layer_streams import (
     learned_layers,
     pieces,
 )
-from numpy.typing import NDArray
 from packets import MODEL
 from videos import read_frames
 
@@ -38,6 +37,7 @@ from protocol.packets import (
 )
 from protocol.summary import summarise
 from risorius.cli import main
+from shared_model.arrays import Array
 from shared_model.geometry import FRONTAL, pose_from_euler
 from shared_model.parameters import EAUS, FaceParameters
 
@@ -46,7 +46,7 @@ TARGET = replace(
 )
 
 
-def face(modes: NDArray[np.float64] | None = None) -> FaceParameters:
+def face(modes: Array | None = None) -> FaceParameters:
     pose = pose_from_euler(4, -12, 3, np.array([30.0, -25.0, 640.0]))
     eau = np.linspace(0, 0.5, len(EAUS))
     return FaceParameters(pose, eau, np.zeros(0) if modes is None else modes)

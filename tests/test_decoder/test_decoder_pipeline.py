@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 from heads import synthetic_head
-from numpy.typing import NDArray
 from videos import read_frames
 
 from decoder import call_pictures
@@ -25,6 +24,7 @@ from protocol.link.interface import Arrival
 from protocol.model_packet import ModelPacket
 from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
 from shared_model.mesh import Head
@@ -35,7 +35,7 @@ CAMERA = Camera(WIDTH, HEIGHT, 220.0)
 REFERENCE = pose_from_euler(0, 0, 0, np.array([0.0, 0.0, 600.0]))
 
 
-def image(value: NDArray[np.uint8]) -> bytes:
+def image(value: Picture) -> bytes:
     return cv2.imencode(".webp", value, [cv2.IMWRITE_WEBP_QUALITY, 101])[1].tobytes()
 
 

@@ -8,12 +8,10 @@ import av
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from decoder.sinks.frame_sink import ThreadedSink, open_sink
+from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
-
-Picture = NDArray[np.uint8]
 
 
 def noise(count: int, width: int = 64, height: int = 48) -> list[Picture]:
@@ -41,7 +39,7 @@ def tags(path: Path) -> tuple[int, int, int, int]:
         )
 
 
-def bt709(picture: Picture) -> NDArray[np.float64]:
+def bt709(picture: Picture) -> Array:
     """Y'CbCr, (3, height, width), 8 bits and limited range, by the equations of ITU-R BT.709."""
     blue, green, red = np.moveaxis(picture / 255, -1, 0)
     luma = 0.2126 * red + 0.7152 * green + 0.0722 * blue

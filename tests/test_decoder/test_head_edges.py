@@ -5,15 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from heads import synthetic_head
-from numpy.typing import NDArray
 
 from decoder.rendering.edge_strips import edges_of
 from decoder.rendering.renderer import Renderer
+from shared_model.arrays import Array, Mask
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, Head
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 CAMERA = Camera(160, 120, 190.0)
 # Turned in the plane of the picture: no edge is along its rows.
@@ -57,7 +54,7 @@ def drawn(head: Head, expansion_px: float = EXPANSION_PX) -> Array:
     return picture[..., 0].astype(np.float64)
 
 
-def distances_px(corners_mm: Array) -> tuple[Array, NDArray[np.bool_]]:
+def distances_px(corners_mm: Array) -> tuple[Array, Mask]:
     """(h, w) how far each pixel is beyond a square; and whether it is near one side of it alone."""
     corners = pixel_from_head(CAMERA, POSE, corners_mm)
     pixels = np.stack(np.meshgrid(np.arange(160), np.arange(120)), -1)

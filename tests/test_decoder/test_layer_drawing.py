@@ -6,14 +6,12 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from heads import synthetic_head
-from numpy.typing import NDArray
 
 from decoder.rendering.renderer import Renderer
+from shared_model.arrays import Picture
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.layers.light import Light
 from shared_model.layers.scene_motion import moved_corners
-
-Picture = NDArray[np.uint8]
 
 CAMERA = Camera(320, 240, 380.0)
 HEAD = synthetic_head(8, 10)

@@ -6,17 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from heads import synthetic_head
-from numpy.typing import NDArray
 
 from decoder.rendering.render_geometry import part_colours, teeth_falloff
 from decoder.rendering.renderer import Renderer
+from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, Head, generic_head, inside_mouth
 from shared_model.parameters import Pose
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 CAMERA = Camera(320, 240, 380.0)
 AHEAD = pose_from_euler(0, 0, 0, np.array([0.0, 0.0, 700.0]))

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from decoder.rendering.render_geometry import grid_triangles, shown_triangles
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Picture, VertexIndices
 
 SIDE, CELLS = 64, 8
 TRIANGLES = grid_triangles(CELLS + 1, CELLS + 1)
@@ -17,11 +15,11 @@ COORDINATES = (
 )
 
 
-def picture_with(alpha: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def picture_with(alpha: Picture) -> Picture:
     return np.dstack([np.zeros((SIDE, SIDE, 3), np.uint8), alpha])
 
 
-def texels(triangle: NDArray[np.int32]) -> tuple[slice, slice]:
+def texels(triangle: VertexIndices) -> tuple[slice, slice]:
     """Rows and columns that bilinear interpolation may read within a triangle."""
     corners = COORDINATES[triangle] * SIDE
     (left, top), (right, bottom) = corners.min(0).astype(int), corners.max(0).astype(int)

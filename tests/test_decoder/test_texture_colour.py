@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from decoder.rendering.texture_colour import LocalColours
 from protocol.pictures.picture_codec import to_luma, to_planes
 from shared_model.appearance import atlas_of
+from shared_model.arrays import Mask, Single
 from shared_model.mesh import PARTS
 from shared_model.surround import head_with_surround
 
@@ -16,7 +16,7 @@ SKIN = (60, 90, 150)
 DARK = slice(20, 26), slice(44, 52)
 
 
-def part_texels(name: str) -> NDArray[np.bool_]:
+def part_texels(name: str) -> Mask:
     head, texels = head_with_surround(), np.zeros((SIZE, SIZE), np.bool_)
     atlas = atlas_of(head, SIZE)
     is_part = head.parts[atlas.corners[:, 0]] == PARTS.index(name)
@@ -31,7 +31,7 @@ def colours() -> LocalColours:
     return LocalColours(mean)
 
 
-def grey_mode(level: float) -> NDArray[np.float32]:
+def grey_mode(level: float) -> Single:
     mode = np.zeros((SIZE, SIZE, 3), np.float32)
     mode[DARK] = level
     return mode

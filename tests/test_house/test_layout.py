@@ -10,26 +10,29 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-OURS = ("shared_model", "protocol", "encoder", "decoder", "aam", "loopback", "risorius")
+OURS = ("runtime", "shared_model", "protocol", "encoder", "decoder", "aam", "loopback", "risorius")
 MAY_IMPORT = {
+    "runtime": {"runtime", "shared_model.arrays", "shared_model.logs"},
     "shared_model": {"shared_model"},
     "protocol": {
         "protocol",
+        "runtime.jit",
+        "shared_model.arrays",
         "shared_model.errors",
         "shared_model.geometry",
         "shared_model.parameters",
     },
-    "encoder": {"encoder", "protocol", "shared_model"},
-    "decoder": {"decoder", "protocol", "shared_model"},
+    "encoder": {"encoder", "protocol", "runtime", "shared_model"},
+    "decoder": {"decoder", "protocol", "runtime", "shared_model"},
     "aam": {
         "aam",
         "shared_model",
         "encoder.appearance",
         "encoder.detection",
         "encoder.fitting",
-        "encoder.runtime",
+        "runtime",
     },
-    "loopback": {"loopback", "shared_model", "protocol", "encoder", "decoder"},
+    "loopback": {"loopback", "runtime", "shared_model", "protocol", "encoder", "decoder"},
     "risorius": set(OURS),
 }
 IMPORTERS = {
@@ -48,7 +51,7 @@ IMPORTERS = {
         "encoder/sound/speech_encoder.py",
     },
     "filterpy": {"encoder/tracking/ekf.py"},
-    "numba": {"protocol/runtime/jit.py"},
+    "numba": {"runtime/jit.py"},
     "moderngl": {
         "decoder/rendering/background_pass.py",
         "decoder/rendering/edge_pass.py",
@@ -64,10 +67,9 @@ IMPORTERS = {
         "protocol/relay/zenoh_relay.py",
     },
 }
-CV2_PACKAGES = {"aam", "encoder", "decoder", "loopback", "risorius"}
+CV2_PACKAGES = {"aam", "encoder", "decoder", "loopback", "risorius", "runtime"}
 # The encoder's packages in the order of the data; each may import those before it.
 ENCODER_PACKAGES = (
-    "runtime",
     "picture_coding",
     "capture",
     "detection",
@@ -84,7 +86,6 @@ ENCODER_PACKAGES = (
 )
 # Those of the protocol in the order of what they carry; each may import those before it.
 PROTOCOL_PACKAGES = (
-    "runtime",
     "entropy",
     "frames",
     "pictures",

@@ -1,7 +1,8 @@
 """The parts of a call: what ends them, and what they say of it."""
 
+import socket
+from contextlib import closing
 from fractions import Fraction
-from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +24,12 @@ from risorius.live_call.messages import (
 )
 from risorius.live_call.packets.traffic_meter import MeteredSource
 from risorius.live_call.part_connection import PartConnection
+from runtime.object_stream import ObjectStream
 from shared_model.errors import UserError
 
 
 def test_a_mistake_of_the_user_is_told_and_what_comes_next_is_done() -> None:
-    ours, theirs = Pipe()
+    ours, theirs = map(ObjectStream, socket.socketpair())
     part, done = PartConnection(theirs), list[Path | None]()
 
     def do(message: Record) -> None:
@@ -43,7 +45,7 @@ def test_a_mistake_of_the_user_is_told_and_what_comes_next_is_done() -> None:
 
 
 def test_a_mistake_is_told_to_the_page() -> None:
-    ours, theirs = Pipe()
+    ours, theirs = map(ObjectStream, socket.socketpair())
     part = PartConnection(theirs)
 
     def do(message: Record) -> None:
@@ -52,12 +54,12 @@ def test_a_mistake_is_told_to_the_page() -> None:
 
     ours.send(Record(None))
     part.in_background(lambda: part.obey(do))
-    assert ours.recv() == Trouble("no space left")
+    assert ours.receive() == Trouble("no space left")
     ours.close()
 
 
 def test_any_other_error_ends_the_part() -> None:
-    ours, theirs = Pipe()
+    ours, theirs = map(ObjectStream, socket.socketpair())
     part = PartConnection(theirs)
 
     def do(message: Record) -> None:
@@ -75,8 +77,8 @@ def test_who_sends_waits_as_long_as_the_user_says(tmp_path: Path) -> None:
         sink.write(np.zeros((16, 16, 3), np.uint8))
     place = LinkPlace("anna-a", f"127.0.0.1:{free_port()}", timeout_s=0.2)
     options = SendingOptions(place, str(clip), None, "off", 800.0, False, None)
-    ours, theirs = Pipe()
-    with ours, pytest.raises(UserError, match=r"cannot reach .* within 0\.2 s"):
+    ours, theirs = map(ObjectStream, socket.socketpair())
+    with closing(ours), pytest.raises(UserError, match=r"cannot reach .* within 0\.2 s"):
         sending_part.run(PartConnection(theirs), options)
 
 
@@ -85,7 +87,7 @@ def test_who_draws_opens_no_other_link_once_the_call_is_over(
 ) -> None:
     """The other end would wait for whoever joins then."""
     address, opened = f"127.0.0.1:{free_port()}", list[PacketSource]()
-    ours, theirs = Pipe()
+    ours, theirs = map(ObjectStream, socket.socketpair())
     part = PartConnection(theirs)
 
     def open_and_note(options: CallSource, say: MessageCallback) -> PacketSource:
@@ -99,6 +101,6 @@ def test_who_draws_opens_no_other_link_once_the_call_is_over(
     monkeypatch.setattr("risorius.live_call.drawing_part.open_packet_source", open_and_note)
     monkeypatch.setattr("risorius.live_call.drawing_part.MeteredSource", draw_and_hang_up)
     place = LinkPlace("anna-b", address, timeout_s=60)
-    with ours, Relay(RelayOptions((f"tcp/{address}",))):
+    with closing(ours), Relay(RelayOptions((f"tcp/{address}",))):
         drawing_part.run(part, DrawingOptions(place))
     assert len(opened) == 1

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import ROOT, ClipFrames
-from numpy.typing import NDArray
 
 from decoder.sinks.frame_sink import open_sink
 from loopback.judge.comparison import compare, observe_source
@@ -28,9 +27,9 @@ from loopback.judge.observer import (
 )
 from loopback.judge.voice import VoiceQuality, compare_voices
 from risorius.cli import main
+from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
 
-Picture = NDArray[np.uint8]
 EVALUATE = ROOT.parent / "shared" / "tools" / "evaluate.py"
 # Clips of five people, and how many of their frames.
 CLIPS, FRAMES = ("carphone.mp4", "akiyo.mp4", "smile.mp4", "turn.mp4", "still.mpg"), 31
@@ -263,7 +262,7 @@ def test_a_voice_is_compared_where_both_have_one(judge: Observer, tmp_path: Path
     assert compare_voices(clean, str(tmp_path / "none.wav"), judge) == VoiceQuality()
 
 
-def syllables(seconds: float, rate_hz: int = 16_000) -> NDArray[np.float64]:
+def syllables(seconds: float, rate_hz: int = 16_000) -> Array:
     """A hum of changing pitch, in syllables."""
     t = np.arange(round(seconds * rate_hz)) / rate_hz
     pitch = 2 * np.pi * np.cumsum(120 + 30 * np.sin(2 * np.pi * 0.7 * t)) / rate_hz
@@ -271,7 +270,7 @@ def syllables(seconds: float, rate_hz: int = 16_000) -> NDArray[np.float64]:
     return np.asarray(4000 * hum * np.maximum(np.sin(2 * np.pi * 3.1 * t + np.sin(5 * t)), 0))
 
 
-def write_wav(path: Path, samples: NDArray[np.float64], rate_hz: int = 16_000) -> str:
+def write_wav(path: Path, samples: Array, rate_hz: int = 16_000) -> str:
     with wave.open(str(path), "wb") as file:
         file.setnchannels(1)
         file.setsampwidth(2)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from loopback.quality.landmark_metrics import (
     LandmarkMetrics,
@@ -10,11 +9,12 @@ from loopback.quality.landmark_metrics import (
     landmark_metrics,
     restlessness,
 )
+from shared_model.arrays import Array
 
 EYES_PX = 60.0
 
 
-def talking(count: int = 30) -> NDArray[np.float64]:
+def talking(count: int = 30) -> Array:
     """(t, 468, 2) landmarks of a face whose mouth opens and closes."""
     points = np.tile(np.random.default_rng(1).uniform(0, 200, (468, 2)), (count, 1, 1))
     points[:, 33], points[:, 263] = (50, 50), (50 + EYES_PX, 50)
@@ -62,7 +62,7 @@ def test_the_pose_is_compared_by_the_shape_of_the_face() -> None:
     head = rng.normal(size=(468, 3)) * 60
     head[33], head[263] = (-40, -30, 0), (40, -30, 0)
 
-    def seen(yaw_deg: float) -> NDArray[np.float64]:
+    def seen(yaw_deg: float) -> Array:
         c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
         turned = head @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
         depth = 1500 + turned[:, 2:]

@@ -5,18 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.detection.landmark_indices import FACE_OVAL
 from loopback.quality.psnr import psnr_db, squared_error
-from loopback.quality.video_quality import (
-    Mask,
-    Picture,
-    face_mask_finder,
-    face_oval_mask,
-    measure_quality,
-)
+from loopback.quality.video_quality import face_mask_finder, face_oval_mask, measure_quality
+from shared_model.arrays import Array, Mask, Picture
 from shared_model.errors import UserError
 
 WIDTH, HEIGHT = 64, 48
@@ -112,7 +106,7 @@ def test_another_size_is_refused(tmp_path: Path) -> None:
 
 def test_the_oval_is_the_hull_of_its_points() -> None:
     angles = np.linspace(0, 2 * np.pi, len(FACE_OVAL), endpoint=False)
-    points: NDArray[np.float64] = np.zeros((468, 3))
+    points: Array = np.zeros((468, 3))
     points[list(FACE_OVAL), 0] = 32 + 20 * np.cos(angles)
     points[list(FACE_OVAL), 1] = 24 + 15 * np.sin(angles)
     area = face_oval_mask(points, HEIGHT, WIDTH)

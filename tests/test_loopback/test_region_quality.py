@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from loopback.quality.region_quality import FRAME_INTERVAL, RegionMeter, RegionQuality, region_meter
+from shared_model.arrays import Mask, Picture
 
 SIZE = 64
-Picture = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 
 def flat(level: int) -> Picture:

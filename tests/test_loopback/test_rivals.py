@@ -4,7 +4,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from loopback.curves.curve_bench import rivals_named
 from loopback.curves.rivals import (
@@ -17,13 +16,14 @@ from loopback.curves.rivals import (
     shrunk,
 )
 from loopback.quality.psnr import psnr_db, squared_error
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
 SIZE = 160, 128
 FPS = Fraction(25)
 
 
-def moving(count: int = 13) -> list[NDArray[np.uint8]]:
+def moving(count: int = 13) -> list[Picture]:
     """A soft pattern that moves."""
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     pictures = []
@@ -42,7 +42,7 @@ def rival(request: pytest.FixtureRequest) -> Rival:
     return found
 
 
-def psnr(originals: list[NDArray[np.uint8]], copies: list[NDArray[np.uint8]]) -> float:
+def psnr(originals: list[Picture], copies: list[Picture]) -> float:
     pairs = zip(originals, copies, strict=True)
     return float(np.mean([psnr_db(squared_error(*pair)) for pair in pairs]))
 

@@ -162,7 +162,6 @@ def test_a_full_disk_is_one_line(call: Path) -> None:
         ("ai_edge_litert", "encoder", ["encode", "none.mp4", "-o", "none.rzo"]),
         ("aiohttp", "call", ["call", "--listen", "127.0.0.1:0", "--voice", "off"]),
         ("moderngl", "decoder", ["decode", "CALL"]),
-        ("numba", "encoder", ["encode", "none.mp4", "-o", "none.rzo"]),
         ("threadpoolctl", "encoder", ["encode", "none.mp4", "-o", "none.rzo"]),
     ],
     ids=lambda value: value if isinstance(value, str) else "",

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from encoder.runtime.child_process import start_child
 from risorius.cli import main
+from runtime.child_process import start_child
 from shared_model.logs import FILE_VARIABLE, LEVEL_VARIABLE, follow_environment
 
 

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from call_files import call_file
 from conftest import PROGRAM, ROOT, Start
-from numpy.typing import NDArray
 from processes import LIMIT_S, one_line, until
 
 from loopback.browser import Browser
@@ -26,10 +25,9 @@ from risorius.cli import main
 from risorius.view.server import STUDIO, RenderRequest, RequestQueue, serve
 from risorius.view.view_state import page_description, state_from_query
 from shared_model.anatomy.expressions import EMOTIONS
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS, clip_eau
-
-Picture = NDArray[np.uint8]
 
 
 class Server:

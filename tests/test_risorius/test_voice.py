@@ -6,7 +6,6 @@ import av
 import numpy as np
 import pytest
 from conftest import MakeOnce, Start
-from numpy.typing import NDArray
 from processes import LIMIT_S, finish
 from sounds import voiced_sound
 
@@ -16,12 +15,13 @@ from encoder.sound.open_voice import chosen_voice
 from loopback.process_pair import free_port
 from protocol.summary import summarise
 from risorius.cli import main
+from shared_model.arrays import Array
 
 RATE_HZ = 8000
 FRAMES = 30
 
 
-def sound_samples(path: Path) -> NDArray[np.float64]:
+def sound_samples(path: Path) -> Array:
     """The samples of the sound track, and their rate last."""
     with av.open(str(path)) as container:
         frames = list(container.decode(audio=0))

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 from call_files import call_file
-from numpy.typing import NDArray
 
 from protocol.call_file import CallWriter
 from protocol.packets import ControlKind, ControlPacket, serialise
@@ -17,6 +16,7 @@ from risorius.animation.animation_script import parse_script
 from risorius.animation.synthetic_skin import painted_colours
 from risorius.cli import main
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, normalise, pixel_from_head
 from shared_model.mesh import generic_head
@@ -40,9 +40,7 @@ aau = { nose_width = 1 }
 """
 
 
-def run(
-    folder: Path, text: str = SCRIPT, **options: Any
-) -> tuple[list[NDArray[np.uint8]], dict[str, Any]]:
+def run(folder: Path, text: str = SCRIPT, **options: Any) -> tuple[list[Picture], dict[str, Any]]:
     script = folder / "script.toml"
     script.write_text(text)
     output = folder / "f%02d.png"

@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from shared_model.anatomy.anthropometry import MEASUREMENTS, Measurement, aau_fields, measure
+from shared_model.arrays import Array
 from shared_model.mesh import PARTS, generic_head
 from shared_model.parameters import AAUS
 from shared_model.shape_residual import control_points, residual_basis
-
-Array = NDArray[np.float64]
 
 HEAD = generic_head()
 # The nose's height carries part of its bridge; every other side effect is below 2 mm.

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 from model_checks import Checks, find_checks
-from numpy.typing import NDArray
 
 from shared_model.anatomy.expressions import EMOTIONS, Emotion, signature
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Array
 from shared_model.mesh import generic_head
 from shared_model.parameters import AAUS, EAU_HIGH, EAU_INDEX, EAU_LOW, EAUS, THESIS_EAUS, Eau
-
-Array = NDArray[np.float64]
 
 HEAD = generic_head()
 # Stated tolerances.  The lower lip may slide up behind the upper one (mentalis) but never come out

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from shared_model.animate import Face, Identity, identity_from_controls
+from shared_model.arrays import Array
 from shared_model.mesh import generic_head
 from shared_model.parameters import AAUS, EAUS
 from shared_model.shape_residual import control_points
-
-Array = NDArray[np.float64]
 
 HEAD = generic_head()
 FACE = Face(HEAD, Identity(np.zeros(len(AAUS)), np.zeros_like(HEAD.vertices)))

@@ -6,10 +6,10 @@ from itertools import product
 import numpy as np
 import pytest
 from heads import synthetic_head
-from numpy.typing import NDArray
 
 from decoder.rendering.mouth_shading import mouth_shading
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Array
 from shared_model.geometry import Camera, euler_deg, pixel_from_head, pose_from_euler
 from shared_model.layers.head_motion import (
     BackgroundMesh,
@@ -20,7 +20,6 @@ from shared_model.layers.head_motion import (
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS, Pose
 
-Array = NDArray[np.float64]
 Angles = tuple[float, float, float]
 
 CAMERA = Camera(640, 480, 800.0)

@@ -4,14 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from shared_model.anatomy.anthropometry import aau_fields
 from shared_model.anatomy.expressions import eau_fields
+from shared_model.arrays import Array, Integers, Mask, VertexIndices
 from shared_model.mesh import PARTS, Head, generic_head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
-
-Array = NDArray[np.float64]
 
 MIDLINE = (
     *("v", "tr", "on", "g", "n", "prn", "sn", "ls", "sto", "sto_upper"),
@@ -33,7 +31,7 @@ def head() -> Head:
     return generic_head()
 
 
-def part(head: Head, name: str) -> NDArray[np.bool_]:
+def part(head: Head, name: str) -> Mask:
     return np.asarray(head.parts == PARTS.index(name))
 
 
@@ -52,13 +50,13 @@ def mirrored_rows(values: Array) -> Array:
     return np.array([rows[np.lexsort(np.round(rows, 3).T)] for rows in (values, flipped)])
 
 
-def signed_areas(points: Array, triangles: NDArray[np.int32]) -> Array:
+def signed_areas(points: Array, triangles: VertexIndices) -> Array:
     a, b, c = (points[triangles[:, k]] for k in range(3))
     ab, ac = b - a, c - a
     return np.asarray((ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]) / 2)
 
 
-def texel_owners(head: Head, triangles: NDArray[np.int32]) -> NDArray[np.int64]:
+def texel_owners(head: Head, triangles: VertexIndices) -> Integers:
     """How many of the triangles cover the centre of each texel, borders left out."""
     count = np.zeros((TEXELS, TEXELS), np.int64)
     corners = head.texture_coordinates[triangles] * TEXELS - 0.5

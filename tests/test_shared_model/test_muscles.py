@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from shared_model.anatomy import muscle_table as table
 from shared_model.anatomy.expressions import eau_fields
@@ -16,10 +15,10 @@ from shared_model.anatomy.muscles import (
     anchor_position,
     falloff,
 )
+from shared_model.arrays import Array, Picture, VertexIndices
 from shared_model.mesh import PARTS, generic_head
 from shared_model.parameters import EAU_INDEX, EAUS
 
-Array = NDArray[np.float64]
 Fields = tuple[Array, Array]
 
 HEAD = generic_head()
@@ -86,8 +85,8 @@ def test_another_mesh_with_the_same_landmarks_is_animated_by_the_same_muscles(
 
 
 def cut_into_four(
-    vertices: Array, triangles: NDArray[np.int32], parts: NDArray[np.uint8]
-) -> tuple[Array, NDArray[np.int32], NDArray[np.uint8]]:
+    vertices: Array, triangles: VertexIndices, parts: Picture
+) -> tuple[Array, VertexIndices, Picture]:
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     unique, inverse = np.unique(edges, axis=0, return_inverse=True)
     middle = len(vertices) + inverse.reshape(-1, 3)

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from shared_model.arrays import Array
 from shared_model.triangle_coverage import covered_points
-
-Array = NDArray[np.float64]
 
 
 def test_a_triangle_covers_its_points_with_their_weights() -> None:

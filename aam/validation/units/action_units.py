@@ -25,10 +25,9 @@ from aam.validation.units.expressed_faces import EXPRESSIONS, INTENSITIES, UNITS
 from aam.validation.units.gradient_histograms import gradient_histograms
 from aam.warps import head_warp
 from aam.window import FaceWindow, shrunk
-from encoder.runtime.parallel import parallel_map
+from runtime.parallel import parallel_map
+from shared_model.arrays import Array, Mask, Single
 from shared_model.parameters import EAU_INDEX
-
-Array = NDArray[np.float64]
 
 # How many strengths are tried at which a unit may count as shown.
 THRESHOLDS = 64
@@ -105,8 +104,8 @@ class ShownFaces:
     strengths: Array
     eau: Array
     combined: Array
-    texture: NDArray[np.float32]
-    gradients: NDArray[np.float32]
+    texture: Single
+    gradients: Single
 
 
 def show_faces(contender: Contender, samples: Sequence[Sample]) -> ShownFaces:
@@ -185,7 +184,7 @@ def _judged(known: Array, found: Array, taught: Array, shown: Array) -> Recognit
 
 
 # Strengths, EAUs, combined parameters, texture and gradients of a picture, see `ShownFaces`.
-_Features = tuple[Array, Array, Array, NDArray[np.float32], NDArray[np.float32]]
+_Features = tuple[Array, Array, Array, Single, Single]
 
 
 def _features(contender: Contender, sample: Sample) -> _Features:
@@ -217,7 +216,7 @@ def _correlation(one: Array, other: Array) -> float:
     return float(one @ other) / max(scale, 1e-12)
 
 
-def _threshold(strength: Array, shown: NDArray[np.bool_]) -> float:
+def _threshold(strength: Array, shown: Mask) -> float:
     """The threshold of the best balanced accuracy."""
     tried = np.quantile(strength, np.linspace(0, 1, THRESHOLDS))
     found = strength[None] > tried[:, None]
@@ -226,7 +225,7 @@ def _threshold(strength: Array, shown: NDArray[np.bool_]) -> float:
     return float(tried[int((hits + rejections).argmax())])
 
 
-def _counted(shown: NDArray[np.bool_], found: NDArray[np.bool_]) -> UnitResult:
+def _counted(shown: Mask, found: Mask) -> UnitResult:
     correct, false = int((shown & found).sum()), int((~shown & found).sum())
     return UnitResult(
         int(shown.sum()), correct, int(shown.sum()) - correct, false, int((~shown).sum())

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from shared_model.arrays import Array, Single
 
 # Of the linear classifier, for each picture; of the support vector machines, whose features have
 # unit variance: cost of an error, and width of the functions for each feature.  Chosen by
@@ -25,9 +25,7 @@ def scaled(known: Array, new: Array) -> tuple[Array, Array]:
     return known / scale, new / scale
 
 
-def components(
-    known: NDArray[np.float32], new: NDArray[np.float32], count: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def components(known: Single, new: Single, count: int) -> tuple[Single, Single]:
     """Rows (n, count) of known and new ones along the first principal axes of the known ones."""
     mean = known.mean(0)
     _, axes = np.linalg.eigh((known - mean).T @ (known - mean))

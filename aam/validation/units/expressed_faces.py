@@ -8,16 +8,13 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.shape_space import LOW, actuators, shape_vector
 from aam.validation.samples import Sample
 from aam.warps import head_warp
-from encoder.runtime.image_ops import hull_mask
+from runtime.image_ops import hull_mask
+from shared_model.arrays import Array, Picture, Single
 from shared_model.parameters import EAU_INDEX, EAUS, clip_eau
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 # EAUs of each action unit at full intensity (Table 2.3), of those that Tables 3.3 and 3.4 name.
 UNITS: dict[str, dict[str, float]] = {
@@ -79,9 +76,7 @@ def moved(sample: Sample, shape: Array) -> Sample:
     return Sample(replace(face, window=window, shape=shape), landmarks)
 
 
-def _splatted(
-    places: NDArray[np.float32], colours: Picture, lips: Array, behind: Picture
-) -> Picture:
+def _splatted(places: Single, colours: Picture, lips: Array, behind: Picture) -> Picture:
     """Texels drawn on a picture, and the mouth where they leave a gap between the lips (n, 2)."""
     height, width = behind.shape[:2]
     at = np.rint(places).astype(int)
@@ -106,7 +101,7 @@ def _splatted(
     return np.asarray(np.clip(mixed, 0, 255), np.uint8)
 
 
-def _grid(places: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _grid(places: Single) -> tuple[Single, Single]:
     columns = 1024
     count = places.shape[1]
     padded = np.zeros((2, -(-count // columns) * columns), np.float32)

@@ -8,11 +8,9 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.texture_frame import texture_frame
-
-Single = NDArray[np.float32]
+from shared_model.arrays import Indices, Single
 
 # Cells along a side of the atlas; what counts for one has a standard deviation of half its side.
 CELLS = 16
@@ -47,7 +45,7 @@ def gradient_histograms(size: int, frame: str, texture: Single) -> Single:
 
 
 @lru_cache(maxsize=4)
-def _cells(size: int, frame: str) -> tuple[Single, tuple[NDArray[np.intp], NDArray[np.intp]]]:
+def _cells(size: int, frame: str) -> tuple[Single, tuple[Indices, Indices]]:
     """Which texels (size, size) have all their neighbours, and rows and columns of the cells."""
     texels, cell = texture_frame(size, frame), size // CELLS
     mask = np.zeros((size, size), np.uint8)

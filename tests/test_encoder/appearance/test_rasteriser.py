@@ -1,11 +1,9 @@
 """The rasteriser: the nearest front-facing triangle in each pixel."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.appearance.rasteriser import rasterise
-
-Array = NDArray[np.float64]
+from shared_model.arrays import Array, Mask, VertexIndices
 
 FOCAL_PX = 100.0
 
@@ -23,7 +21,7 @@ TRIANGLES = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], np.int32)
 WHOLE = np.ones((24, 24), bool)
 
 
-def shown_points(wanted: NDArray[np.bool_], triangles: NDArray[np.int32]) -> dict[int, Array]:
+def shown_points(wanted: Mask, triangles: VertexIndices) -> dict[int, Array]:
     """What each pixel shows: a place in space."""
     surface = rasterise(project(POINTS), POINTS[:, 2], triangles, wanted)
     places = surface.interpolate(POINTS.T.astype(np.float32)).T.astype(np.float64)

@@ -2,17 +2,15 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from shots import Shots, whole
 
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.super_resolution import back_projected, inverse_warp
 from encoder.appearance.texel_visibility import visible_texels
-from encoder.runtime.image_ops import sample_bicubic
 from protocol.pictures.picture_codec import to_luma
+from runtime.image_ops import sample_bicubic
 from shared_model.appearance import atlas_of
-
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Picture, Single
 
 
 @pytest.fixture(scope="module")
@@ -27,16 +25,14 @@ def detailed() -> Picture:
     return np.asarray(np.repeat(np.repeat(noise, 2, 0), 2, 1), np.uint8)
 
 
-def drawn(
-    shape: ShapeFreeFrame, colours: NDArray[np.float32], texels: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def drawn(shape: ShapeFreeFrame, colours: Single, texels: Single) -> Single:
     """(p, 3) what a bilinear renderer shows at texture places (p, 2)."""
     image = np.zeros((shape.atlas.size, shape.atlas.size, 3), np.float32)
     image[shape.atlas.rows, shape.atlas.columns] = colours
     return sample_bilinear(image, texels)
 
 
-def sample_bilinear(image: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.float32]:
+def sample_bilinear(image: Single, places: Single) -> Single:
     low = np.floor(places).astype(int)
     x, y = (places - low).T[..., None].astype(np.float32)
     column, row = low.T

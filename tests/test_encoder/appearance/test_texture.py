@@ -13,7 +13,7 @@ from encoder.appearance.texture import (
     pixels_per_texel,
 )
 from encoder.picture_coding.image_budget import encode_background_webp_within, encode_webp_within
-from encoder.runtime.image_ops import sample_bicubic
+from runtime.image_ops import sample_bicubic
 from shared_model.appearance import Atlas, atlas_of
 from shared_model.geometry import camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from shots import Shots, whole
 
 from encoder.appearance.masks import MOUTH_WEIGHT, OUTSIDE_WEIGHT, face_mask, mouth_weights
@@ -26,11 +25,11 @@ from encoder.learning.person_model import DISOCCLUSION_SHARE, disocclusion_weigh
 from protocol.pictures.picture_codec import to_luma
 from shared_model.animate import Face, Identity
 from shared_model.appearance import atlas_of
+from shared_model.arrays import Single
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import AAUS
 from shared_model.surround import head_with_surround
 
-Single = NDArray[np.float32]
 SIZE = 64
 
 

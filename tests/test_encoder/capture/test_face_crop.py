@@ -6,7 +6,7 @@ import pytest
 
 from encoder.capture.colour import luma_u8
 from encoder.capture.face_crop import MARGIN, crop_face, crop_window
-from encoder.runtime.image_ops import sample_bicubic
+from runtime.image_ops import sample_bicubic
 
 POINTS = np.array([(60.0, 40.0, 0.0), (120.0, 40.0, 3.0), (90.0, 110.0, 1.0)])
 

@@ -19,13 +19,14 @@ from encoder.capture.live_capture import (
     read_camera,
 )
 from encoder.capture.picture_size import MAX_PICTURE_PX, reduced
-from encoder.capture.video_source import Capture, Frame, open_source
+from encoder.capture.video_source import Capture, open_source
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
 FPS = Fraction(25)
 
 
-def picture(value: int, height: int = 4, width: int = 6) -> Frame:
+def picture(value: int, height: int = 4, width: int = 6) -> Picture:
     return np.full((height, width, 3), value, np.uint8)
 
 
@@ -112,7 +113,7 @@ def test_a_file_is_a_camera_that_begins_again_at_its_end(tmp_path: Path) -> None
     class NotingMailbox(FrameMailbox):
         """Notes what is put in: on a busy host not all is taken."""
 
-        def put(self, picture: Frame, time_s: float) -> None:
+        def put(self, picture: Picture, time_s: float) -> None:
             put.append((int(picture[0, 0, 0]), time_s))
             if len(put) == 6:
                 self.close()
@@ -165,7 +166,7 @@ def test_frames_of_a_live_source_are_counted_by_their_arrival() -> None:
         count = 0
         notes: ClassVar[list[str]] = []
 
-        def read(self) -> Frame | None:
+        def read(self) -> Picture | None:
             self.count += 1
             if self.count > 1:
                 time.sleep(0.12)

@@ -17,15 +17,14 @@ from av.codec.context import Flags
 from av.stream import Disposition
 from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
 from av.video.stream import VideoStream
-from numpy.typing import NDArray
 
 from encoder.capture.spooled_pipe import spooled
 from encoder.capture.time_stamps import ordered_time_stamps
 from encoder.capture.tone_mapping import HLG, PQ, ToneMapper
 from encoder.capture.video_source import Capture, open_source
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
-Picture = NDArray[np.uint8]
 SIZE = 64, 48
 
 

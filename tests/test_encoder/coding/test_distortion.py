@@ -9,9 +9,9 @@ from encoder.appearance.template import Template
 from encoder.capture.colour import luma_f32
 from encoder.coding.distortion import EYELID_DISTORTION, measure_distortion
 from encoder.fitting.analysis_by_synthesis import TexelFitter
-from encoder.runtime.image_ops import sample_bicubic
 from protocol.frames.frame_transform import GEOMETRY_SIZE, vector_from_face
 from protocol.frames.scalar_quantiser import pose_from_motion
+from runtime.image_ops import sample_bicubic
 from shared_model.appearance import atlas_of
 from shared_model.parameters import EAU_INDEX, LID_EAUS, FaceParameters
 

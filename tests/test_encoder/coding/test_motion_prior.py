@@ -4,7 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from encoder.coding.motion_prior import (
     EYELID_CORRELATION,
@@ -26,9 +25,8 @@ from protocol.frames.temporal_prediction import (
     coding_order,
     interpolate,
 )
+from shared_model.arrays import Array
 from shared_model.parameters import LIDS
-
-Array = NDArray[np.float64]
 
 D = GEOMETRY_SIZE + 2
 MODES = (b"first", b"second")

@@ -7,18 +7,19 @@ import numpy as np
 import pytest
 from conftest import ClipFrames
 
-from encoder.capture.video_source import Frame, open_source
+from encoder.capture.video_source import open_source
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.detector import Detection, FaceDetector, by_size
 from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.ssd import weighted_nms
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
+from shared_model.arrays import Picture
 
 CLIPS = Path(__file__).resolve().parents[4] / "shared" / "clips"
 
 
-def first_frame(name: str) -> Frame:
+def first_frame(name: str) -> Picture:
     if not CLIPS.is_dir():
         pytest.skip(f"{CLIPS} is not there")
     with open_source(str(CLIPS / name)) as capture:

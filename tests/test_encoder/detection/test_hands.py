@@ -6,7 +6,7 @@ from conftest import ClipFrames
 
 from encoder.detection.hands import HandFinder, hand_outline, window_around
 from encoder.detection.tflite import find_hand_networks
-from encoder.runtime.parallel import parallel_map
+from runtime.parallel import parallel_map
 
 # Where the face of gesture_eat is, pixels.
 FACE = np.array([(258.0, 95.0, 0.0), (342, 195, 0)])

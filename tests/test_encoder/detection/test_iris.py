@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from conftest import ClipFrames
 
-from encoder.capture.video_source import Frame
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.iris import TRAINED_CROP_SCALE, WIDE_CROP_SCALE, IrisLandmarker
 from encoder.detection.landmark_indices import EYELID_MARGINS
 from encoder.detection.landmarks import FaceMesh, LandmarkTracker
 from encoder.detection.roi import roi_from_landmarks
+from shared_model.arrays import Picture
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_eyelids_close_in_a_blink(crop: float, networks: Path, clip_frames: Clip
     assert min(opening) == opening[42] < 0.4 * np.median(opening)
 
 
-def eyes_opening(tracker: LandmarkTracker, frame: Frame) -> float:
+def eyes_opening(tracker: LandmarkTracker, frame: Picture) -> float:
     found = tracker.update(frame)
     assert found is not None
     gaps = found.points[[159, 386], :2] - found.points[[145, 374], :2]

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from conftest import ClipFrames
 
-from encoder.capture.video_source import Frame
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.detector import Detection
 from encoder.detection.landmark_indices import OUTER_EYE_CORNERS
 from encoder.detection.landmarks import FaceMesh, Landmarks, LandmarkTracker
 from encoder.detection.roi import RotatedRoi, roi_from_detection, roi_from_landmarks
+from shared_model.arrays import Picture
 
 
 def test_crop_corners_lie_on_the_roi() -> None:
@@ -106,7 +106,7 @@ def test_prefetched_landmarks_are_the_same(
     runs: list[tuple[int, bool]] = []
     find = FaceMesh.find
 
-    def recorded(mesh: FaceMesh, frame: Frame, roi: RotatedRoi) -> Landmarks:
+    def recorded(mesh: FaceMesh, frame: Picture, roi: RotatedRoi) -> Landmarks:
         runs.append((id(frame), threading.current_thread() is threading.main_thread()))
         return find(mesh, frame, roi)
 
@@ -162,11 +162,11 @@ class Nobody:
     def __init__(self) -> None:
         self.asked = 0
 
-    def detect(self, frame: Frame) -> list[Detection]:
+    def detect(self, frame: Picture) -> list[Detection]:
         self.asked += 1
         return []
 
-    def detect_large(self, frame: Frame) -> list[Detection]:
+    def detect_large(self, frame: Picture) -> list[Detection]:
         return []
 
 

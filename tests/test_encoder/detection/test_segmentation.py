@@ -5,7 +5,7 @@ import pytest
 
 from encoder.detection.segmentation import PersonSegmenter
 from encoder.detection.tflite import find_segmentation_network
-from encoder.runtime.parallel import parallel_map
+from runtime.parallel import parallel_map
 
 
 def test_several_threads_see_what_one_sees() -> None:

@@ -14,7 +14,7 @@ from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import crop_face
 from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.fitting.increments import apply_increment
-from encoder.runtime.image_ops import sample_bicubic
+from runtime.image_ops import sample_bicubic
 from shared_model.appearance import atlas_of
 from shared_model.geometry import euler_deg
 from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters, Pose

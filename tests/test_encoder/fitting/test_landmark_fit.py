@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from heads import seen_points
-from numpy.typing import NDArray
 
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity
@@ -20,6 +19,7 @@ from encoder.fitting.landmark_fit import (
 )
 from encoder.tracking.detection_measurement import animated_points
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Array
 from shared_model.geometry import (
     Camera,
     conjugate,
@@ -41,8 +41,6 @@ from shared_model.parameters import (
     FaceParameters,
     clip_eau,
 )
-
-Array = NDArray[np.float64]
 
 CAMERA = Camera(640, 480, 800.0)
 SPOKEN = ("jaw_drop", "mouth_corners", "eyebrow_middle", "lip_stretch")

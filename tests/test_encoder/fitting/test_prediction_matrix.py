@@ -13,7 +13,7 @@ from encoder.capture.colour import luma_f32
 from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.fitting.increments import apply_increment
 from encoder.fitting.prediction_matrix import PredictionMatrixFitter
-from encoder.runtime.image_ops import sample_bicubic
+from runtime.image_ops import sample_bicubic
 from shared_model.appearance import atlas_of
 from shared_model.geometry import (
     euler_deg,

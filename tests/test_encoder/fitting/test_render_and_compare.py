@@ -5,7 +5,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from shots import Shots, whole
 
 from decoder.rendering.renderer import Renderer
@@ -13,10 +12,9 @@ from encoder.capture.colour import luma_f32
 from encoder.detection.landmark_indices import FACE_OVAL
 from encoder.fitting.increments import apply_increment
 from encoder.fitting.render_and_compare import ImageFitter
-from encoder.runtime.image_ops import hull_mask
+from runtime.image_ops import hull_mask
+from shared_model.arrays import Array, Picture, Single
 from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
-
-Single = NDArray[np.float32]
 
 SIZE = 96
 JAW = EAU_INDEX["jaw_drop"]
@@ -32,7 +30,7 @@ def blotches(seed: int, contrast: float) -> Single:
 MEAN, MODE = 128 + blotches(1, 25), blotches(2, 12)
 
 
-def picture_of(shots: Shots, face: FaceParameters) -> NDArray[np.uint8]:
+def picture_of(shots: Shots, face: FaceParameters) -> Picture:
     """The rendered face with texture MEAN and its coefficient of MODE, on black."""
     camera = shots.camera
     worn = MEAN + (face.modes[0] if len(face.modes) else 0) * MODE
@@ -51,13 +49,13 @@ def astray(face: FaceParameters) -> FaceParameters:
     return apply_increment(face, step)
 
 
-def error(shots: Shots, number: int, face: FaceParameters, wanted: NDArray[np.uint8]) -> float:
+def error(shots: Shots, number: int, face: FaceParameters, wanted: Picture) -> float:
     """Mean squared error within the outline, two pixels from where it ends in black."""
     mask = cv2.erode(hull_mask(outline_of(shots, number), wanted.shape[:2]), np.ones((5, 5)))
     return float(np.square(luma_f32(picture_of(shots, face)) - luma_f32(wanted))[mask > 0].mean())
 
 
-def outline_of(shots: Shots, number: int) -> NDArray[np.float64]:
+def outline_of(shots: Shots, number: int) -> Array:
     points = shots.points[number][list(FACE_OVAL)]
     return np.asarray(points[np.isfinite(points[:, 0])])
 

@@ -6,19 +6,16 @@ import cv2
 import numpy as np
 import pytest
 from heads import synthetic_head
-from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_f32
 from encoder.layers.layer_learning import FirstLayers, body_fields, first_layers
 from encoder.layers.layer_samples import FittedFrames, coarse_picture
 from protocol.pictures.layered_background import parse_layers
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Picture, Single
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.layers.light import light_of
 from shared_model.parameters import AAUS, FaceParameters
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 SIZE = 160, 120
 CAMERA = Camera(*SIZE, 200.0)
@@ -35,7 +32,7 @@ def texture(seed: int, low: float, high: float) -> Picture:
     return np.asarray(low + (high - low) * np.clip(0.5 + smooth / 0.4, 0, 1), np.uint8)
 
 
-def body_matte(right: int = 0) -> NDArray[np.float32]:
+def body_matte(right: int = 0) -> Single:
     v, u = np.mgrid[:120, :160]
     body = (np.abs(u - 80 - right) < 45) & (v > 78)
     head = ((u - 80) / 16.0) ** 2 + ((v - 42) / 24.0) ** 2 < 1

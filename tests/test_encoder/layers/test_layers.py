@@ -11,7 +11,6 @@ import pytest
 from heads import synthetic_head
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from decoder.rendering.layer_colours import NO_CHANGE
 from decoder.scene.background_layers import load_background
@@ -32,12 +31,10 @@ from encoder.layers.scene import find_scene, scene_picture
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE
 from protocol.pictures.layered_background import parse_layers
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Array, Picture
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
 from shared_model.layers.head_motion import make_background_mesh, warp
 from shared_model.parameters import AAUS, FaceParameters
-
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 
 CAMERA = Camera(160, 120, 200.0)
 HEAD = synthetic_head(12, 16)

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 from heads import synthetic_head
-from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, origins, sample
 from encoder.layers.layer_model import LayerModel, learn_layers
@@ -19,12 +18,9 @@ from encoder.layers.layer_samples import (
 )
 from protocol.pictures.layered_background import FIELD_CODES_PER_PX
 from shared_model.animate import Face, Identity
+from shared_model.arrays import Array, Picture, Single
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
 from shared_model.parameters import AAUS, FaceParameters
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 WIDTH, HEIGHT = SIZE = 160, 120
 CAMERA = Camera(WIDTH, HEIGHT, 200.0)

@@ -3,12 +3,10 @@
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from encoder.layers.light import fit_light, lit, unlit
+from shared_model.arrays import Single
 from shared_model.layers.light import Light, light_of
-
-Single = NDArray[np.float32]
 
 EVERYWHERE = np.ones((60, 80), np.float32)
 

@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from encoder.learning.frame_sampler import DENSE_FRAMES, TRAINING_FRAMES, UniformSubsampler
+from shared_model.arrays import Picture
 
 
 @pytest.mark.parametrize("count", [1, 10, TRAINING_FRAMES, 2 * TRAINING_FRAMES, 5000])
 def test_a_sample_is_spread_over_a_source_of_any_length(count: int) -> None:
-    sampler, made = UniformSubsampler[NDArray[np.uint8]](), []
-    picture: NDArray[np.uint8] = np.zeros((1, 1, 3), np.uint8)
+    sampler, made = UniformSubsampler[Picture](), []
+    picture: Picture = np.zeros((1, 1, 3), np.uint8)
 
-    def window() -> NDArray[np.uint8]:
+    def window() -> Picture:
         made.append(1)
         return picture
 

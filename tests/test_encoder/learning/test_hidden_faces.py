@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import ClipFrames
-from numpy.typing import NDArray
 
 from encoder.capture.face_crop import crop_face
 from encoder.detection.tflite import find_hand_networks
@@ -17,6 +16,7 @@ from encoder.learning.hidden_faces import (
     window_of,
     without_hands,
 )
+from shared_model.arrays import Array, Picture
 
 HAND = np.array([(0.0, 0.0), (9, 0), (9, 9)])
 PICTURE, POINTS = np.zeros((40, 40, 3), np.uint8), np.zeros((468, 3))
@@ -31,9 +31,7 @@ class Counting(HandWatch):
         super().__init__()
         self.searched = 0
 
-    def find(
-        self, picture: NDArray[np.uint8], points: NDArray[np.float64]
-    ) -> list[NDArray[np.float64]]:
+    def find(self, picture: Picture, points: Array) -> list[Array]:
         self.searched += 1
         return [HAND]
 

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from encoder.learning.orthogonal_residual import OrthogonalResidual
-
-Single = NDArray[np.float32]
+from shared_model.arrays import Array, Single
 
 
 def random_rows(seed: int, count: int) -> Single:
@@ -49,7 +47,7 @@ def test_added_and_dropped_frames_leave_the_residual_of_the_others() -> None:
 
 @pytest.mark.parametrize("weights", [1.0, np.linspace(0.2, 1, 12)])
 def test_the_leading_direction_is_the_first_principal_one(
-    weights: NDArray[np.float64] | float,
+    weights: Array | float,
 ) -> None:
     frames, modes = random_rows(8, 12), random_rows(9, 3)
     residual = OrthogonalResidual(frames)

@@ -2,12 +2,10 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.coding.background import BackgroundImage
 from encoder.live_model.background_light import background_in_light
-
-Picture = NDArray[np.uint8]
+from shared_model.arrays import Picture
 
 PERSON = np.zeros((96, 96), np.bool_)
 PERSON[40:, 30:66] = True

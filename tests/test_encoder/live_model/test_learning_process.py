@@ -20,11 +20,11 @@ from encoder.coding.gop import gop_for_fps
 from encoder.coding.model_packet import BUDGETS
 from encoder.learning.face_sample import FaceSample
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
-from encoder.live_model.learning_process import LearningProcess
+from encoder.live_model.learning_process import SHARED, LearningProcess
 from encoder.live_model.model_trainer import ModelTrainer
-from encoder.live_model.object_stream import ObjectStream
 from encoder.live_model.warm_up import frontal_landmarks
 from protocol.pictures.picture_codec import decode_picture
+from runtime.object_stream import ObjectStream
 from shared_model.geometry import Camera
 from shared_model.surround import head_with_surround
 
@@ -149,7 +149,7 @@ def test_a_result_that_cannot_be_read_is_told_once() -> None:
 
 
 def test_arrays_and_heads_arrive_as_they_were() -> None:
-    ours, theirs = map(ObjectStream, socket.socketpair())
+    ours, theirs = (ObjectStream(each, SHARED) for each in socket.socketpair())
     array = np.arange(12.0).reshape(3, 4)
     ours.send((array, array.T, head_with_surround(), "text"))
     first, second, head, text = theirs.receive()

@@ -6,7 +6,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from encoder.capture.video_source import open_source
 from encoder.coding.background import BackgroundImage
@@ -18,6 +17,7 @@ from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion
 from encoder.live_model.training_frames import TrainingFrames
 from encoder.live_model.warm_up import frontal_landmarks
+from shared_model.arrays import Array, Single
 from shared_model.geometry import Camera
 from shared_model.parameters import FaceParameters
 from shared_model.surround import head_with_surround
@@ -52,11 +52,11 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[ModelVersion, Fac
 
 def mode_of(version: ModelVersion) -> LearnedMode:
     size = len(version.person.appearance.mean)
-    luma: NDArray[np.float32] = np.linspace(-9, 9, size * size, dtype=np.float32)
+    luma: Single = np.linspace(-9, 9, size * size, dtype=np.float32)
     return LearnedMode(b"mode", luma.reshape(size, size))
 
 
-def values(face: FaceParameters) -> list[NDArray[np.float64]]:
+def values(face: FaceParameters) -> list[Array]:
     return [face.pose.rotation, face.pose.translation_mm, face.eau, face.modes]
 
 
@@ -116,7 +116,7 @@ def test_a_frame_without_time_for_its_layers_has_those_of_the_frame_before(
 
 
 def test_of_frames_that_are_not_trained_from_nothing_is_kept() -> None:
-    frames, offered = TrainingFrames(4), list[weakref.ref[NDArray[np.float64]]]()
+    frames, offered = TrainingFrames(4), list[weakref.ref[Array]]()
     picture = np.zeros((2, 2, 3), np.uint8)
     for number in range(100):
         points = np.full((468, 3), float(number))

@@ -6,13 +6,12 @@ import cv2
 import numpy as np
 import pytest
 from conftest import ClipFrames
-from numpy.typing import NDArray
 
 from encoder.calls.face_search import SWITCHED, open_landmark_search
 from encoder.calls.session_stats import SessionStats
 from encoder.detection.landmarks import open_landmark_tracker
+from shared_model.arrays import Picture
 
-Picture = NDArray[np.uint8]
 WIDTH, HEIGHT, POSTER_PX = 640, 360, 60
 
 

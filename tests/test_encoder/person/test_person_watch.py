@@ -3,17 +3,15 @@
 from collections.abc import Sequence
 from itertools import combinations
 
-import numpy as np
 import pytest
 from conftest import ClipFrames
-from numpy.typing import NDArray
 
 from encoder.detection.landmarks import Landmarks, open_landmark_tracker
 from encoder.person.face_signature import FaceSignature, SignatureMaker, are_others, is_frontal
 from encoder.person.person_watch import GAP_FRAMES, PersonWatch, Verdict
 from encoder.person.scene_cuts import CutDetector
+from shared_model.arrays import Picture
 
-Picture = NDArray[np.uint8]
 Seen = tuple[Picture, Landmarks]
 PEOPLE = ("akiyo.mp4", "carphone.mp4", "smile.mp4", "still.mpg", "turn.mp4")
 FRAMES = 40

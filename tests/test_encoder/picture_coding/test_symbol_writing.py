@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from encoder.picture_coding.subband_rdoq import QuantisedBand
 from encoder.picture_coding.symbol_writing import band_decisions, range_coded
@@ -13,8 +12,8 @@ from protocol.pictures.coefficient_coding import (
     code_bit_array,
     code_magnitudes,
 )
+from shared_model.arrays import Integers
 
-Integers = NDArray[np.int64]
 OUTPUTS, PASSES, PER_PASS = 6, 3, 40
 
 

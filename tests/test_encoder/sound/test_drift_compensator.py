@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from encoder.sound.drift_compensator import DriftCompensator, Samples, resampled
+from encoder.sound.drift_compensator import DriftCompensator, resampled
+from shared_model.arrays import Samples
 
 RATE_HZ, SIZE = 8000, 160
 

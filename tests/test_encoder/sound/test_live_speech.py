@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from shared_model.arrays import Samples
+
 pytest.importorskip("pycodec2", reason="needs pycodec2: pip install '.[voice]'")
 pytest.importorskip("webrtcvad", reason="needs webrtcvad: pip install '.[voice]'")
 
-from encoder.sound.live_speech import MAX_LATE_FRAMES, LiveSpeech, Samples
+from encoder.sound.live_speech import MAX_LATE_FRAMES, LiveSpeech
 
 START_S, PIECE_S, RATE_HZ = 100.0, 0.02, 8000
 

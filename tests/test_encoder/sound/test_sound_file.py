@@ -17,8 +17,8 @@ from av.audio.stream import AudioStream
 from numpy.typing import NDArray
 
 from encoder.sound.sound_file import has_sound, read_sound
+from shared_model.arrays import Array
 
-Array = NDArray[np.float64]
 RATE_HZ = 8000
 SECONDS = 2.0
 

@@ -21,7 +21,6 @@ from protocol.frames.temporal_prediction import (
     STEPS_PER_UNIT,
     CodedFrame,
     FramePredictor,
-    Integers,
     coding_order,
     interpolate,
     reference_magnitudes,
@@ -29,6 +28,7 @@ from protocol.frames.temporal_prediction import (
 )
 from protocol.frames.value_coding import MAX_MAGNITUDE
 from protocol.limits import MAX_FRAME_PAYLOAD_BYTES
+from shared_model.arrays import Integers
 
 VECTORS = Path(__file__).parents[2] / "vectors"
 

@@ -15,16 +15,13 @@ from encoder.detection.tflite import find_segmentation_network
 from protocol.entropy.varint import encode_varint
 from protocol.errors import ProtocolError
 from protocol.pictures.foreground_mask import (
-    FINE_MASK_SIDE,
     MASK_SIDE,
     MAX_MASK_BYTES,
     TAG,
-    Mask,
-    decode_mask,
-    encode_mask,
     parse_background,
     serialise_background,
 )
+from shared_model.arrays import Mask
 
 PICTURE = b"S and so on"
 
@@ -76,24 +73,6 @@ def test_a_persons_mask_takes_a_few_dozen_bytes() -> None:
 def test_a_damaged_mask_is_refused(data: bytes) -> None:
     with pytest.raises(ProtocolError, match="mask"):
         parse_background(data)
-
-
-def test_without_numba_a_mask_is_read_as_compiled_loops_read_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    rng = np.random.default_rng(2)
-
-    def read(data: bytes) -> bytes | str:
-        try:
-            return decode_mask(data, FINE_MASK_SIDE).tobytes()
-        except ProtocolError as error:
-            return str(error)
-
-    coded = [encode_mask(person().repeat(2, 0).repeat(2, 1))]
-    coded += [rng.bytes(length) for length in (0, 3, 400, 9000)]
-    compiled = [read(data) for data in coded]
-    monkeypatch.setattr("protocol.pictures.foreground_mask.find_spec", lambda name: None)
-    assert [read(data) for data in coded] == compiled
 
 
 @pytest.mark.no_cover

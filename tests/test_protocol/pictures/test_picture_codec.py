@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from encoder.picture_coding.picture_encoder import encode_mode, encode_picture, retained_energy
 from protocol.errors import ProtocolError
@@ -24,8 +23,7 @@ from protocol.pictures.weight_map import (
     decode_weight_map,
     encode_weight_map,
 )
-
-Single = NDArray[np.float32]
+from shared_model.arrays import Array, Single
 
 
 def painting(height: int, width: int) -> Single:
@@ -197,7 +195,7 @@ def test_modes_share_the_weight_map_of_their_texture() -> None:
     assert not np.allclose(ModeCodec(48).decode("mode", data), stated)
 
 
-def hill() -> NDArray[np.float64]:
+def hill() -> Array:
     """A weight map with its maximum in the middle."""
     y, x = np.mgrid[:GRID_SIDE, :GRID_SIDE] - (GRID_SIDE - 1) / 2
     return np.asarray(np.exp2(1.5 - (x**2 + y**2) / 20))

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from pyramids import same
 
+from assets.array_band_decoder import ArrayBandDecoder
 from encoder.picture_coding.picture_rdoq import quantise_picture
-from protocol.entropy.range_coder import RangeDecoder
 from protocol.errors import ProtocolError
 from protocol.pictures.picture_codec import plane_shapes
-from protocol.pictures.plane_decoding import ArrayBandDecoder, band_decoder, decode_planes
+from protocol.pictures.plane_decoding import decode_planes
 from protocol.pictures.probability_model import BACKGROUND, MODE, TEXTURE
 from protocol.pictures.subband_coding import PictureSequence
 from protocol.pictures.subband_pyramid import SubbandPyramid
@@ -46,12 +46,6 @@ def test_arrays_read_what_the_encoder_chose() -> None:
         chosen, symbols = quantise_picture(sender, [transform(each, LEVELS) for each in planes])
         data = symbols.serialise()
         assert same(decode_planes(receiver, "it", data, SHAPES, ArrayBandDecoder), chosen)
-
-
-def test_without_numba_arrays_are_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert not isinstance(band_decoder(PictureSequence(MODE), RangeDecoder(b"")), ArrayBandDecoder)
-    monkeypatch.setattr("protocol.pictures.plane_decoding.find_spec", lambda name: None)
-    assert isinstance(band_decoder(PictureSequence(MODE), RangeDecoder(b"")), ArrayBandDecoder)
 
 
 @pytest.mark.parametrize("options", [(), (ArrayBandDecoder,)], ids=["compiled", "arrays"])

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pyramids import bands, same
 
 from encoder.picture_coding.picture_rdoq import quantise_picture
@@ -40,8 +39,8 @@ from protocol.pictures.probability_model import (
 from protocol.pictures.subband_coding import PictureSequence
 from protocol.pictures.subband_pyramid import SubbandPyramid, dequantised, empty_pyramid
 from protocol.pictures.wavelet import LEVELS, transform
+from shared_model.arrays import Array
 
-Array = NDArray[np.float64]
 VECTORS = Path(__file__).parents[2] / "vectors"
 SHAPES = [(1, 1), (1, 7), (2, 3), (5, 4), (16, 16), (33, 47), (40, 64)]
 

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from protocol.pictures.wavelet import LEVELS, inverse_transform, transform
+from shared_model.arrays import Array
 
-Array = NDArray[np.float64]
 SHAPES = [(1, 1), (1, 7), (2, 3), (5, 4), (16, 16), (33, 47), (40, 64)]
 
 

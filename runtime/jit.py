@@ -14,7 +14,7 @@ import numpy as np
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
-PACKAGE = Path(__file__).resolve().parents[1]
+PACKAGE = Path(__file__).resolve().parent
 
 
 def jit(function: Function) -> Function:
@@ -40,7 +40,8 @@ def _load_without_scipy() -> None:
     """Load Numba's array functions as if there were no SciPy.
 
     They would load its linear algebra to see whether compiled loops can have it.  None does, and
-    that takes as long as loading the functions.
+    that takes as long as loading the functions.  Numba has no option for it; its issue 808 is about
+    how long it takes to load.
     """
     linear_algebra = cast(Any, import_module("numba.np.linalg"))
     ensure_blas = linear_algebra.ensure_blas

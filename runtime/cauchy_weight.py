@@ -1,9 +1,8 @@
 """The Cauchy weight of robust least squares: the larger a residual, the less it counts."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Single = NDArray[np.float32]
+from shared_model.arrays import Single
 
 # Around the face residuals of so many grey levels count half.
 HALF_WEIGHT_GREY = 12.0

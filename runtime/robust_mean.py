@@ -5,11 +5,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.runtime.cauchy_weight import HALF_WEIGHT_GREY
-from encoder.runtime.parallel import available_cores, parallel_map
-from protocol.runtime.jit import jit
-
-Single = NDArray[np.float32]
+from runtime.cauchy_weight import HALF_WEIGHT_GREY
+from runtime.jit import jit
+from runtime.parallel import available_cores, parallel_map
+from shared_model.arrays import Single
 
 # Passes: all but the first by Cauchy weights.
 MEAN_PASSES = 3

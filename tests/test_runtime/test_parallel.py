@@ -10,7 +10,7 @@ import pytest
 from processes import LIMIT_S
 from threadpoolctl import threadpool_info, threadpool_limits  # type: ignore[import-untyped]
 
-from encoder.runtime.parallel import (
+from runtime.parallel import (
     SWITCH_INTERVAL_S,
     available_cores,
     one_blas_thread,

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from processes import LIMIT_S
 
-from encoder.runtime.child_process import start_child
+from runtime.child_process import start_child
 
 CHILD = """
 import json, os, socket

@@ -1,33 +1,35 @@
 """Python objects between two processes of one program, over a pair of sockets.
 
 Arrays go out of band (PEP 574): their bytes are neither copied nor is the interpreter held while
-they are sent.  The heads, which both processes have, go by name.
+they are sent.  What both processes have goes by name.
 """
 
 import io
 import pickle
 import socket
 import struct
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from shared_model.mesh import Head, generic_head
-from shared_model.surround import head_with_surround
-
 _LENGTH = struct.Struct("<Q")
-_HEADS = {"generic": generic_head, "with surround": head_with_surround}
 
 
 class ObjectStream:
-    """Sends and receives objects; one thread may send while another receives."""
+    """Sends and receives objects; one thread may send while another receives.
 
-    def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
+    shared: what returns the objects that both processes have, by their names.
+    """
+
+    def __init__(
+        self, connection: socket.socket, shared: Mapping[str, Callable[[], object]] | None = None
+    ) -> None:
+        self._connection, self._shared = connection, shared or {}
 
     def send(self, message: object) -> None:
         """Send an object.  Raises `OSError` if the other process is gone."""
         arrays: list[pickle.PickleBuffer] = []
         body = io.BytesIO()
-        _Pickler(body, protocol=5, buffer_callback=arrays.append).dump(message)
+        _Pickler(body, self._shared, arrays.append).dump(message)
         parts = [body.getbuffer(), *(array.raw() for array in arrays)]
         sizes = b"".join(_LENGTH.pack(part.nbytes) for part in parts)
         self._connection.sendall(_LENGTH.pack(len(parts)) + sizes)
@@ -39,7 +41,14 @@ class ObjectStream:
         (count,) = _LENGTH.unpack(self._read(_LENGTH.size))
         sizes = struct.unpack(f"<{count}Q", self._read(count * _LENGTH.size))
         body, *arrays = map(self._read, sizes)
-        return _Unpickler(io.BytesIO(body), buffers=arrays).load()
+        return _Unpickler(io.BytesIO(body), self._shared, arrays).load()
+
+    def end(self) -> None:
+        """Send nothing more; the other process' `receive` raises `EOFError`, it may still send.
+
+        Raises `OSError` if the other process is gone.
+        """
+        self._connection.shutdown(socket.SHUT_WR)
 
     def close(self) -> None:
         """End the connection; the other process' `receive` raises `EOFError`."""
@@ -60,12 +69,28 @@ class ObjectStream:
 
 
 class _Pickler(pickle.Pickler):
+    def __init__(
+        self,
+        body: io.BytesIO,
+        shared: Mapping[str, Callable[[], object]],
+        keep: Callable[[pickle.PickleBuffer], object],
+    ) -> None:
+        super().__init__(body, protocol=5, buffer_callback=keep)
+        self._names = {id(find()): name for name, find in shared.items()}
+
     def persistent_id(self, thing: object) -> str | None:
-        if isinstance(thing, Head):
-            return next((name for name, head in _HEADS.items() if head() is thing), None)
-        return None
+        return self._names.get(id(thing))
 
 
 class _Unpickler(pickle.Unpickler):
-    def persistent_load(self, name: str) -> Head:
-        return _HEADS[name]()
+    def __init__(
+        self,
+        body: io.BytesIO,
+        shared: Mapping[str, Callable[[], object]],
+        arrays: list[bytearray],
+    ) -> None:
+        super().__init__(body, buffers=arrays)
+        self._shared = shared
+
+    def persistent_load(self, name: str) -> object:
+        return self._shared[name]()

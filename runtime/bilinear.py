@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from protocol.runtime.jit import jit
+from runtime.jit import jit
 
 
 @jit

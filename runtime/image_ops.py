@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Single = NDArray[np.float32]
+from shared_model.arrays import Single
 
 
 def hull_mask(points_px: NDArray[np.floating], shape: tuple[int, int]) -> Single:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from encoder.runtime.cauchy_weight import HALF_WEIGHT_GREY, cauchy_weight
+from runtime.cauchy_weight import HALF_WEIGHT_GREY, cauchy_weight
 
 
 def test_a_residual_of_the_scale_counts_half_and_none_counts_as_before() -> None:

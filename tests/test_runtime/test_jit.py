@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 
-from protocol.runtime.jit import fingerprint, jit
+from runtime.jit import fingerprint, jit
 
 LOOP = """
 def ratios(over, under):
@@ -54,7 +54,7 @@ def test_a_constant_of_another_module_changes_the_fingerprint() -> None:
 
 def test_compiled_loops_do_without_scipy() -> None:
     program = (
-        "import sys, numpy as np; from protocol.runtime.jit import jit;"
+        "import sys, numpy as np; from runtime.jit import jit;"
         "assert jit(lambda values: values.sum())(np.ones(3)) == 3;"
         "sys.exit('scipy.linalg' in sys.modules)"
     )

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from encoder.runtime.cauchy_weight import HALF_WEIGHT_GREY, cauchy_weight
-from encoder.runtime.robust_mean import MEAN_PASSES, robust_mean
-
-Single = NDArray[np.float32]
+from runtime.cauchy_weight import HALF_WEIGHT_GREY, cauchy_weight
+from runtime.robust_mean import MEAN_PASSES, robust_mean
+from shared_model.arrays import Single
 
 
 def test_outliers_count_little() -> None:

@@ -1,1 +1,0 @@
-"""Helpers below all other packages of the encoder: compiled loops, thread pools, images."""
