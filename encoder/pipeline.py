@@ -11,10 +11,11 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
 
+from encoder.calls.call_events import CallEvents
 from encoder.calls.call_session import CallSession, FramePass, run_pass
 from encoder.calls.face_search import open_landmark_search
 from encoder.calls.frame_source import FrameSource, dropping_frames
-from encoder.calls.live_session import LiveEncoder
+from encoder.calls.live_session import LiveEncoder, LiveSettings
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.recorded_session import RecordedEncoder, send_call
 from encoder.calls.session_callbacks import Progress, SessionCallbacks
@@ -30,6 +31,7 @@ from encoder.coding.thin_link import LAYER_BYTES, THIN_BPS, startup_rate
 from encoder.live_model.learner import LocalLearner
 from encoder.live_model.learning_process import LearningProcess
 from encoder.live_model.other_face import OtherFace, ShownFace, version_of_picture
+from encoder.live_model.pacing import pacing_of
 from encoder.option_rules import check_delay
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
@@ -50,15 +52,16 @@ def encode(
     stop: Callable[[], bool],
     on_message: MessageCallback = ignore_message,
     on_preparing: MessageCallback = ignore_message,
+    events: CallEvents | None = None,
 ) -> EncodeReport:
     """Encode one source to its end, or until `stop`; what was sent by then is a whole call.
 
-    progress, stop, on_message, on_preparing: see `SessionCallbacks`.
+    progress, stop, on_message, on_preparing, events: see `SessionCallbacks`.
     Raises `UserError` if the source cannot be read, shows no face, or the call cannot be sent,
     `ValueError` if `startup_bitrate` leaves nothing for the model in addition to the frames.
     """
     stats = SessionStats()
-    callbacks = SessionCallbacks(progress, stop, on_message, on_preparing)
+    callbacks = SessionCallbacks(progress, stop, on_message, on_preparing, events=events)
     with ExitStack() as stack:
         stack.enter_context(one_blas_thread())
         stack.enter_context(short_switch_interval())
@@ -122,28 +125,19 @@ def encode_live(
     """Fit, code and send every frame as it comes."""
     gop = _gop(options, capture)
     packets = PacketSender(sink, stats, _pacer(options, sink, gop, capture), capture.times, voice)
-    # A source that waits for its reader can wait for the training, too.
-    realtime = options.pace or capture.is_live
-    with closing(LearningProcess(stats.warn) if realtime else LocalLearner()) as learner:
+    waits_for_modes = not (options.two_way or options.low_delay)
+    pacing = pacing_of(capture.is_live, options.pace, options.delay_s, waits_for_modes)
+    budget = budget_for("live", options.model_bytes)
+    settings = LiveSettings(budget, options.bitrate, gop, options.look_for_face_s)
+    with closing(LearningProcess(stats.warn) if pacing.in_real_time else LocalLearner()) as learner:
         if isinstance(learner, LearningProcess):
             callbacks.on_preparing("warming up")
             with dropping_frames(capture):
                 learner.warm_up(capture.format, gop)
             callbacks.on_preparing("")
-        budget = budget_for("live", options.model_bytes)
+        shown = _shown_face(callbacks.other_face, capture, gop, budget)
         session = LiveEncoder(
-            capture,
-            packets,
-            stats,
-            budget,
-            options.bitrate,
-            gop,
-            options.look_for_face_s,
-            learner,
-            realtime,
-            _shown_face(callbacks.other_face, capture, gop, budget),
-            options.delay_s,
-            waits_for_modes=not (options.two_way or options.low_delay),
+            capture, packets, stats, settings, learner, pacing, shown, callbacks.events
         )
         run_session(session, packets, options, capture, stats, callbacks)
 

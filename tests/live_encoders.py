@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 
-from encoder.calls.live_session import LiveEncoder
+from encoder.calls.live_session import LiveEncoder, LiveSettings
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
 from encoder.coding.gop import gop_for_fps
 from encoder.coding.model_packet import budget_for
 from encoder.live_model.learner import LocalLearner
+from encoder.live_model.pacing import pacing_of
 from protocol.link.interface import PacketSink
 
 
@@ -30,13 +31,8 @@ def live_encoder(
         capture,
         PacketSender(sink, stats),
         stats,
-        budget_for("live", model_bytes),
-        800,
-        gop_for_fps(capture.fps, None),
-        10,
+        LiveSettings(budget_for("live", model_bytes), 800, gop_for_fps(capture.fps, None), 10),
         LocalLearner(),
-        realtime,
-        delay_s=delay_s,
-        waits_for_modes=waits_for_modes,
+        pacing_of(capture.is_live, realtime, delay_s, waits_for_modes),
         clock=clock,
     )

@@ -6,50 +6,52 @@ model meanwhile stands in `model_lifecycle`.
 
 import time
 from collections.abc import Callable
-from math import inf
+from dataclasses import dataclass
 
-from encoder.calls.face_search import open_landmark_search, warn_of_long_search
+from encoder.calls.call_events import CallEvents
+from encoder.calls.caller_search import CallerSearch
+from encoder.calls.face_search import warn_of_long_search
 from encoder.calls.frame_source import FrameDelay, SeenFrame
-from encoder.calls.model_lifecycle import ModelLifecycle, ModelState
+from encoder.calls.model_lifecycle import ModelLifecycle
+from encoder.calls.model_states import ModelState
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
-from encoder.calls.overload import MAX_CAMERA_LAG_S, OverloadController, overload_warning
+from encoder.calls.overload import OverloadController, overload_warning
 from encoder.calls.packet_coder import PacketCoder
-from encoder.calls.packet_filler import CODING_DELAY_S, PacketFiller
-from encoder.calls.packet_sender import (
-    LEAD_PACKETS,
-    LEAD_PACKETS_UNPACED,
-    PacketSender,
-)
+from encoder.calls.packet_filler import PacketFiller
+from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
 from encoder.coding.rate_control import OnlineRateController, RateTarget
-from encoder.detection.iris import WIDE_CROP_SCALE
 from encoder.learning.absence import AbsenceWatch
 from encoder.learning.face_sample import FaceSample
 from encoder.live_model.learner import Learner
 from encoder.live_model.other_face import ShownFace
-from encoder.person.person_watch import PersonWatch, Verdict
+from encoder.live_model.pacing import Pacing
 from shared_model.arrays import Array, Picture
 
-# Frames that are left out until it is known whose face they have; a face that is turned away for
-# longer is taken for the same.
-MAX_HELD_FRAMES = 4
+
+@dataclass(frozen=True, slots=True)
+class LiveSettings:
+    """What the user wants of a live call.
+
+    budget: of each version of the model.  bitrate: bits per second of the frame packets.
+    look_for_face_s: add a warning if there is no face after this many seconds of video.
+    """
+
+    budget: ModelBudget
+    bitrate: float
+    gop: GopStructure
+    look_for_face_s: float
 
 
 class LiveEncoder:
     """A `CallSession` in the default profile that looks at no frame before it comes.
 
-    bitrate: bits per second of the frame packets.
-    look_for_face_s: add a warning if there is no face after this many seconds of video.
     learner: trains and learns; one that is done at once gives the same bytes for the same source.
-    realtime: frames do not wait for the learner, and a call that falls behind its source leaves
-        work out, see `encoder.calls.overload`.
+    pacing: what the call may wait for.
     shown: whose face is shown; None: the caller's.
-    delay_s: frames wait so long, in the source's time, after they have been seen: models are
-        trained from those after them, too.
-    waits_for_modes: in real time a packet is coded `CODING_DELAY_S` after its last frame.
     clock: seconds from any origin.
     """
 
@@ -58,47 +60,45 @@ class LiveEncoder:
         capture: Capture,
         packets: PacketSender,
         stats: SessionStats,
-        budget: ModelBudget,
-        bitrate: float,
-        gop: GopStructure,
-        look_for_face_s: float,
+        settings: LiveSettings,
         learner: Learner,
-        realtime: bool,
+        pacing: Pacing,
         shown: ShownFace | None = None,
-        delay_s: float = 0.0,
-        waits_for_modes: bool = False,
+        events: CallEvents | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        gop, events = settings.gop, events or CallEvents()
         fps, coded_fps = float(capture.fps), float(gop.coded_fps(capture.fps))
         self._packets, self._stats, self._gop, self._fps = packets, stats, gop, fps
-        self._look_for_face_s, self._clock = look_for_face_s, clock
-        self._learner, self._realtime = learner, realtime
-        max_lag_s = MAX_CAMERA_LAG_S if capture.is_live else inf
-        self._overload = OverloadController(1 / fps if realtime else inf, max_lag_s)
+        self._look_for_face_s, self._clock = settings.look_for_face_s, clock
+        self._learner, self._pacing = learner, pacing
+        self._overload = OverloadController(pacing.frame_limit_s(fps), pacing.max_lag_s)
         self._frame_begin_s, self._seen_index = 0.0, 0
-        self._delay = FrameDelay(delay_s, fps)
+        self._delay = FrameDelay(pacing.delay_s, fps)
         self._first_index = 0  # of the call's source frames
-        lead = LEAD_PACKETS if realtime else LEAD_PACKETS_UNPACED
-        updates = ModelUpdateSender(packets, stats, gop, fps, lead)
-        self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE)
-        self._watch, self._undecided = PersonWatch(), 0
-        self._absence = AbsenceWatch()
-        shown = shown or ShownFace()
-        self._model = ModelLifecycle(capture, gop, budget, updates, stats, learner, realtime, shown)
+        updates = ModelUpdateSender(packets, stats, gop, fps, pacing.lead_packets)
+        self._search, self._absence = CallerSearch(stats), AbsenceWatch()
+        self._model = ModelLifecycle(
+            capture,
+            gop,
+            settings.budget,
+            updates,
+            stats,
+            learner,
+            pacing,
+            shown or ShownFace(),
+            events,
+        )
         self._filler = PacketFiller(gop.frame_step)
-        self._held_frames = int(CODING_DELAY_S * coded_fps) if realtime and waits_for_modes else 0
-        self._rate = OnlineRateController(RateTarget(bitrate, coded_fps, gop.frames_per_packet))
-        self._coder = PacketCoder(self._rate)
+        self._held_frames = int(pacing.coding_delay_s * coded_fps)
+        target = RateTarget(settings.bitrate, coded_fps, gop.frames_per_packet)
+        self._rate = OnlineRateController(target)
+        self._coder = PacketCoder(self._rate, events.on_packet)
 
     @property
     def started(self) -> bool:
         """See `CallSession`."""
         return self._has_model or self._delay.shows_face
-
-    @property
-    def _learns_ahead(self) -> bool:
-        """Whether models learn from frames that wait."""
-        return self._realtime and bool(self._delay)
 
     @property
     def _has_model(self) -> bool:
@@ -122,7 +122,7 @@ class LiveEncoder:
     def end(self, frames: int) -> None:
         """See `CallSession`."""
         # In a hurry, nothing more would be learned in real time.
-        for frame in self._delay.rest(self._clock if self._realtime else None):
+        for frame in self._delay.rest(self._pacing.clock_to_wait_by(self._clock)):
             self._frame_begin_s = self._clock()
             self._encode(frame)
         while len(self._filler):
@@ -145,33 +145,18 @@ class LiveEncoder:
     def _see(self, index: int, picture: Picture, next_frame: Picture | None) -> None:
         """Find the face in a frame, to learn from it before it is coded."""
         self._seen_index = index
-        points, is_other = self._find(picture, next_frame) if picture.size else (None, False)
+        points, is_other = self._search.find(picture, next_frame)
         self._delay.add(SeenFrame(index, picture, points, self._frame_begin_s, is_other))
         if points is None:
             return
         if is_other and self._has_model:
             self._model.change_person()
         self._model.add_frame(picture, points)
-        if self._learns_ahead:
+        if self._pacing.learns_ahead:
             # Updates are trained, and modes learned, while their frames wait.
             self._begin(index)
             self._model.train_if_due(self._position)
             self._learn(index, lambda: self._model.version.mode_sample(picture, points))
-
-    def _find(self, picture: Picture, next_frame: Picture | None) -> tuple[Array | None, bool]:
-        """The landmarks of the face in a frame, None where there is none or it is not known whose
-        it is; and whether from this frame on it is somebody else's."""
-        found = self._search.find(picture, next_frame)
-        if found is None:
-            self._watch.miss()
-            return None, False
-        verdict = self._watch.judge(picture, found.points, self._search.is_cut)
-        if self._search.has_switched:
-            self._watch.begin()
-            verdict = Verdict.OTHER
-        self._undecided = self._undecided + 1 if verdict is Verdict.UNDECIDED else 0
-        is_held = 0 < self._undecided <= MAX_HELD_FRAMES
-        return None if is_held else found.points, verdict is Verdict.OTHER
 
     def _learn(self, index: int, sample: Callable[[], FaceSample], may_start: bool = True) -> None:
         """Learn modes from source frame `index`, and use those that are learned.
@@ -251,19 +236,20 @@ class LiveEncoder:
     def _add(self, index: int, picture: Picture, points: Array) -> None:
         """Fit the face in source frame `index` and add it to the packet."""
         version, level = self._model.version, self._overload.level
-        sample = version.sample(picture, points, self._fits_layers, level)
+        fits_layers = self._pacing.fits_layers(len(self._filler))
+        sample = version.sample(picture, points, fits_layers, level)
         with self._stats.stage("fit"):
             face = version.fit(sample, self._filler.initial_face, level)
         self._filler.fill_gap(index, self._most_frames - 1, face)
         self._filler.add(face, sample)
-        if not self._learns_ahead:
+        if not self._pacing.learns_ahead:
             # All frames of a packet have the modes that are there when it goes out.
-            may_start = self._realtime or self._is_packet_full
+            may_start = self._pacing.may_start_learning(self._is_packet_full)
             # A mode of half the resolution would blur the face.
             crop = None if level.halves_resolution else sample.crop
             self._learn(index, lambda: version.mode_sample(picture, points, face, crop), may_start)
         version = self._model.version
-        refit = version.refit_modes if self._realtime else version.refit
+        refit = self._pacing.refit(version.refit, version.refit_modes)
         with self._stats.stage("fit"):
             while self._may_refit and self._filler.refit_newest(refit):
                 pass
@@ -302,15 +288,6 @@ class LiveEncoder:
         position, own = self._position, self._position.packet_frames(self._gop)
         has_next = not (position.is_first or self._model.switches_at(position.packet + 1))
         return own + (self._held_frames if has_next else 0)
-
-    @property
-    def _fits_layers(self) -> bool:
-        """Whether the next frame's layers are fitted.
-
-        Where time counts, those of every second frame are, but not where a packet is coded in the
-        same time.
-        """
-        return not self._realtime or len(self._filler) % 2 == 0
 
     @property
     def _is_packet_full(self) -> bool:

@@ -4,29 +4,18 @@ The first faces make the first version: shape and mean texture, and modes of a f
 seen for a second before it is coded.  Between one model packet and the next, modes are learned and
 sent one by one; at times the whole model is trained again and sent as an update.
 
-| state | meanwhile | ends when | next |
-| --- | --- | --- | --- |
-| SEARCHING | no frame shows a face | one is coded that does; the first version is sent | CODING |
-| CODING | modes are learned for the version in use | an update is due, the link idle | TRAINING |
-| TRAINING | the update is trained | it is done, the link idle | SENDING_LAYERS or ANNOUNCED |
-| SENDING_LAYERS | layers of the update are sent | enough are; its packet is sent | ANNOUNCED |
-| ANNOUNCED | the version in use codes frames | the switch is near | SWITCHING |
-| SWITCHING | modes are learned for the update | its first packet is next | CODING |
-| ENDED | nothing | | |
-
-Only an update that is sent in layers passes through SENDING_LAYERS.  The call may end in any state.
-Another face (`encoder.live_model.other_face`) is an update, too; the caller's wait until it goes.
-So is the first version of somebody else who sits down where the caller sat.
+`model_states` has the table of what follows what.  Another face (`encoder.live_model.other_face`)
+is an update, too; the caller's wait until it goes.  So is the first version of somebody else who
+sits down where the caller sat.
 """
 
-import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
-from enum import StrEnum
 
+from encoder.calls.call_events import CallEvents
+from encoder.calls.model_states import ModelEvent, ModelState, ModelStates
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
-from encoder.calls.packet_sender import LEAD_PACKETS
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
 from encoder.coding.gop import GopStructure
@@ -39,49 +28,14 @@ from encoder.live_model.learner import Learner, ModesTask, TrainingTask
 from encoder.live_model.model_schedule import ModelSchedule
 from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.other_face import ShownFace
+from encoder.live_model.pacing import Pacing
 from encoder.live_model.training_frames import TrainingFrames
 from shared_model.arrays import Array, Picture
 from shared_model.parameters import FaceParameters
 
-_log = logging.getLogger(__name__)
-
-
-# Frames to train from, and up to twice as many; fewer where frames do not wait for the training: on
-# average of seven clips these cost .02 dB, and half the time.
-TRAINING_FRAMES, TRAINING_FRAMES_REALTIME = 24, 8
-# Packets before an update's first one from which on modes are learned for it: soon enough for the
-# first of them to be used with it.  Until then they are for the version in use.  Learning beside
-# the frames takes as long as several packets.
-MODE_LEAD_PACKETS, MODE_LEAD_PACKETS_REALTIME = 1, LEAD_PACKETS
-# Time between two updates of the modes: each new mode changes the template of the texel fitter.
-# What is learned beside the frames comes late: the sooner it begins the better.
-MODE_INTERVAL_S, MODE_INTERVAL_S_REALTIME = 0.25, 0.1
 # An update that the link carries within this time goes before modes; on a thinner link it waits
 # until no mode is learned: a few modes soon are better than all of the update late.
 UPDATE_WAIT_LIMIT_S = 3.0
-
-
-class ModelState(StrEnum):
-    """What happens to the model; see the table above."""
-
-    SEARCHING = "searching"
-    CODING = "coding"
-    TRAINING = "training"
-    SENDING_LAYERS = "sending layers"
-    ANNOUNCED = "announced"
-    SWITCHING = "switching"
-    ENDED = "ended"
-
-
-NEXT_STATES: Mapping[ModelState, tuple[ModelState, ...]] = {
-    ModelState.SEARCHING: (ModelState.CODING, ModelState.ENDED),
-    ModelState.CODING: (ModelState.TRAINING, ModelState.ENDED),
-    ModelState.TRAINING: (ModelState.ANNOUNCED, ModelState.SENDING_LAYERS, ModelState.ENDED),
-    ModelState.SENDING_LAYERS: (ModelState.ANNOUNCED, ModelState.ENDED),
-    ModelState.ANNOUNCED: (ModelState.SWITCHING, ModelState.ENDED),
-    ModelState.SWITCHING: (ModelState.CODING, ModelState.ENDED),
-    ModelState.ENDED: (),
-}
 
 
 class ModelLifecycle:
@@ -89,7 +43,6 @@ class ModelLifecycle:
 
     budget: of a version.
     learner: trains updates and learns modes.
-    realtime: frames do not wait for it.
     shown: whose face is shown.
     """
 
@@ -101,18 +54,20 @@ class ModelLifecycle:
         updates: ModelUpdateSender,
         stats: SessionStats,
         learner: Learner,
-        realtime: bool,
+        pacing: Pacing,
         shown: ShownFace,
+        events: CallEvents,
     ) -> None:
         self._capture, self._gop, self._budget = capture, gop, budget
         self._updates, self._stats, self._shown = updates, stats, shown
-        self._learner, self._realtime = learner, realtime
+        self._learner, self._pacing, self._events = learner, pacing, events
         fps = float(capture.fps)
-        self._frames = TrainingFrames(TRAINING_FRAMES_REALTIME if realtime else TRAINING_FRAMES)
+        self._frames = TrainingFrames(pacing.training_frames)
         self._schedule = ModelSchedule(fps)
-        interval_s = MODE_INTERVAL_S_REALTIME if realtime else MODE_INTERVAL_S
-        self._modes = ModeScheduler(fps, interval_s, self._learn, one_by_one=realtime)
-        self._state = ModelState.SEARCHING
+        self._modes = ModeScheduler(
+            fps, pacing.mode_interval_s, self._learn, one_by_one=pacing.in_real_time
+        )
+        self._states = ModelStates(events.on_state)
         self._training: Future[ModelVersion] | None = None
         self._version: ModelVersion | None = None
         self._next_version: ModelVersion | None = None
@@ -121,8 +76,8 @@ class ModelLifecycle:
 
     @property
     def state(self) -> ModelState:
-        """See the table above."""
-        return self._state
+        """See `model_states`."""
+        return self._states.state
 
     @property
     def version(self) -> ModelVersion:
@@ -160,15 +115,15 @@ class ModelLifecycle:
         pictures, points = self._frames.sample()
         progressive, video = self._updates.progressive, self._capture.format
         first = pictures[0], points[0], video, self._gop, self._budget
-        trainer = trainer_from(*first, progressive, self._realtime, self._learner.encode_background)
+        trainer = trainer_from(*first, progressive, self._pacing, self._learner.encode_background)
         # In real time, and on a thin link, an update brings what takes long.
-        seen = 0 if self._realtime or progressive else self._frames.offered
+        seen = 0 if self._pacing.in_real_time or progressive else self._frames.offered
         share = self._schedule.first_share(seen)
         self._version = version = trainer.bootstrap(pictures, points, index, share)
         self._updates.send_first(self._shown.begin(version, index))
         self._learner.begin(trainer)
         self._start_modes(version)
-        self._go_to(ModelState.CODING)
+        self._states.on(ModelEvent.FIRST_SENT)
 
     def learn_modes(self, index: int, sample: Callable[[], FaceSample], may_start: bool) -> bool:
         """Learn modes from source frame `index`, and send those that are learned.
@@ -179,7 +134,7 @@ class ModelLifecycle:
         """
         if self._shown.is_hidden or self.is_changing_person:
             return False
-        for_next = self._state is ModelState.SWITCHING
+        for_next = self._states.state is ModelState.SWITCHING
         if self._modes.wants_sample(index):
             made = sample()
             self._modes.add_sample(index, replace(made, face=None) if for_next else made)
@@ -193,6 +148,7 @@ class ModelLifecycle:
         for mode in modes:
             version = version.with_mode(mode)
             self._updates.send_mode(version, mode.data)
+            self._events.on_mode(version, mode.data)
         if for_next:
             self._next_version = version
             return False
@@ -211,23 +167,23 @@ class ModelLifecycle:
             return
         is_back = self._shown.coding_version is not None
         is_due = is_back or self._schedule.is_update_due(self._frames.offered)
-        if self._state is ModelState.CODING and is_due:
+        if is_due and self._states.may(ModelEvent.UPDATE_DUE):
             self._training = self._train_update()
-            self._go_to(ModelState.TRAINING)
+            self._states.on(ModelEvent.UPDATE_DUE)
         if self._training is not None and self._training.done():
             update, self._training = self._training.result(), None
             self._send_update(self._shown.with_background(update), position)
 
     def _follow_person(self, position: StreamPosition) -> None:
         """Announce the first version of somebody else, instead of an update of the one before."""
-        if self._state not in (ModelState.CODING, ModelState.TRAINING):
+        if self._states.may(ModelEvent.UPDATE_DUE):
+            self._states.on(ModelEvent.UPDATE_DUE)
+        if self._states.state is not ModelState.TRAINING:
             return
-        if self._state is ModelState.CODING:
-            self._go_to(ModelState.TRAINING)
         self._training, self._awaits_newcomer = None, False
         pictures, points = self._frames.sample()
         first = pictures[0], points[0], self._capture.format, self._gop, self._budget
-        pace = self._updates.progressive, self._realtime, self._learner.encode_background
+        pace = self._updates.progressive, self._pacing, self._learner.encode_background
         with self._stats.stage("train"):
             trainer = trainer_from(*first, *pace, self._shown.next_number)
             version = trainer.follow(pictures, points)
@@ -237,9 +193,9 @@ class ModelLifecycle:
 
     def _show_other(self, position: StreamPosition) -> None:
         """Announce the other face, instead of an update that is being trained."""
-        if self._state is ModelState.CODING and self._shown.coding_version is None:
-            self._go_to(ModelState.TRAINING)
-        if self._state is ModelState.TRAINING:
+        if self._shown.coding_version is None and self._states.may(ModelEvent.UPDATE_DUE):
+            self._states.on(ModelEvent.UPDATE_DUE)
+        if self._states.state is ModelState.TRAINING:
             self._training = None
             self._send_update(self._shown.next_other(), position)
 
@@ -247,15 +203,15 @@ class ModelLifecycle:
         self._next_version = self._updates.start_update(update, position)
         self._shown.note_sent(update)
         announced = self._next_version is not None
-        self._go_to(ModelState.ANNOUNCED if announced else ModelState.SENDING_LAYERS)
+        self._states.on(ModelEvent.ANNOUNCED if announced else ModelEvent.LAYERS_BEGUN)
 
     def on_packet_sent(self, position: StreamPosition) -> bool:
         """Switch to the next version if its first packet is next; whether it is."""
         switched = self._switch_if_due(position.packet)
-        if self._state is ModelState.SENDING_LAYERS:
+        if self._states.state is ModelState.SENDING_LAYERS:
             self._next_version = self._updates.take_announced(position)
             if self._next_version is not None:
-                self._go_to(ModelState.ANNOUNCED)
+                self._states.on(ModelEvent.ANNOUNCED)
         return switched
 
     def switches_at(self, packet: int) -> bool:
@@ -266,24 +222,24 @@ class ModelLifecycle:
         """End the call: no version follows."""
         if self._version is not None:
             self._updates.warn_of_incomplete_model(self._version)
-        self._go_to(ModelState.ENDED)
+        self._states.on(ModelEvent.CALL_ENDED)
 
     def _switch_if_due(self, packet: int) -> bool:
         following = self._next_version
         if following is None:
             return False
         # In layers the modes of the update itself are still to come.
-        lead = MODE_LEAD_PACKETS_REALTIME if self._realtime else MODE_LEAD_PACKETS
-        lead = 0 if self._updates.progressive else lead
-        if self._state is ModelState.ANNOUNCED and packet >= following.first_packet - lead:
+        lead = 0 if self._updates.progressive else self._pacing.mode_lead_packets
+        is_near = packet >= following.first_packet - lead
+        if is_near and self._states.may(ModelEvent.SWITCH_NEAR):
             if not self._shown.is_other(following):
                 self._start_modes(following)
-            self._go_to(ModelState.SWITCHING)
+            self._states.on(ModelEvent.SWITCH_NEAR)
         if not self.switches_at(packet):
             return False
         self._version, self._next_version = self._shown.switch(self._version, following), None
         self._is_newcomer_announced = False
-        self._go_to(ModelState.CODING)
+        self._states.on(ModelEvent.SWITCHED)
         return True
 
     def _train_update(self) -> "Future[ModelVersion]":
@@ -324,13 +280,7 @@ class ModelLifecycle:
     @property
     def _modes_to_reserve(self) -> int:
         """How many free slots to leave for later frames."""
-        if self._state in (ModelState.TRAINING, ModelState.ANNOUNCED):
+        if self._states.state in (ModelState.TRAINING, ModelState.ANNOUNCED):
             # The version in use is about to be replaced.
             return 0
         return self._schedule.modes_to_reserve(self._frames.offered)
-
-    def _go_to(self, state: ModelState) -> None:
-        if state not in NEXT_STATES[self._state]:
-            raise ValueError(f"model lifecycle: {state} cannot follow {self._state}")
-        _log.info("%s follows %s", state, self._state)
-        self._state = state

@@ -18,8 +18,6 @@ CAUGHT_UP_S, HOLD_OFF_S = 0.05, 1.0
 REFIT_TIME_SHARE, LAST_REFIT_TIME_SHARE = 0.65, 1.0
 # A call that is later than this at any time says so even if it leaves nothing out.
 LATE_S = 1.0
-# The lag behind a camera grows no larger: it drops the frames that are not fetched.
-MAX_CAMERA_LAG_S = 0.3
 
 # What a report says is done at a level, besides what is done at those before.
 LEVEL_DESCRIPTIONS = {

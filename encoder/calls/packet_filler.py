@@ -9,9 +9,6 @@ from shared_model.arrays import Array
 from shared_model.geometry import interpolate
 from shared_model.parameters import FaceParameters
 
-# Modes come about a tenth of a second after the frames that show what is missing: a packet may wait
-# so long after its last frame.
-CODING_DELAY_S = 0.08
 # Share of the way to rest that a face goes from one coded frame to the next.
 REST_SHARE = 0.25
 

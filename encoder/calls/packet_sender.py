@@ -6,6 +6,7 @@ from encoder.calls.session_stats import SessionStats
 from encoder.capture.frame_times import FrameTimes
 from encoder.coding.pacer import LayerPacer
 from encoder.coding.progressive_model import LayeredModel
+from encoder.live_model.pacing import REAL_TIME
 from encoder.sound.voice_packer import VoicePacker
 from protocol.limits import MAX_TIMED_FRAMES, SEQUENCE_MODULUS
 from protocol.link.interface import PacketSink
@@ -23,9 +24,7 @@ _log = logging.getLogger(__name__)
 
 # Frame packets between a model update and the first one that needs it, at least and at most: any
 # more, and its sequence number would be taken for one of the past.
-LEAD_PACKETS, MAX_LEAD_PACKETS = 4, SEQUENCE_MODULUS // 2 - 1
-# Where frames do not wait for the clock, a decoder need not have the update in time.
-LEAD_PACKETS_UNPACED = 1
+LEAD_PACKETS, MAX_LEAD_PACKETS = REAL_TIME.lead_packets, SEQUENCE_MODULUS // 2 - 1
 
 
 class PacketSender:

@@ -6,7 +6,8 @@ from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
 from encoder.detection.landmark_indices import face_outline
 from encoder.layers.layer_learning import layers_of_frame
-from encoder.live_model.model_trainer import LAYER_UPDATES, LAYER_UPDATES_REALTIME, ModelTrainer
+from encoder.live_model.model_trainer import ModelTrainer
+from encoder.live_model.pacing import Pacing
 from shared_model.arrays import Array, Picture
 from shared_model.surround import head_with_surround
 
@@ -18,19 +19,17 @@ def trainer_from(
     gop: GopStructure,
     budget: ModelBudget,
     progressive: bool,
-    realtime: bool,
+    pacing: Pacing,
     encode_background: EncodeBackground = encoded_in_a_thread,
     first_number: int = 0,
 ) -> ModelTrainer:
     """The trainer of the person in a picture (h, w, 3) BGR.  points: their landmarks (468, 3), px.
 
     budget, progressive, encode_background, first_number: see `ModelTrainer`.
-    realtime: frames do not wait for the training.
     """
-    layer_updates = LAYER_UPDATES_REALTIME if realtime else LAYER_UPDATES
     first = picture, face_outline(points)
     # A base layer has no room for two pictures.
-    has_layers = 0 in layer_updates and not progressive
+    has_layers = 0 in pacing.layer_updates and not progressive
     layers = layers_of_frame(*first) if has_layers else None
     return ModelTrainer(
         head_with_surround(),
@@ -39,9 +38,8 @@ def trainer_from(
         background_of(*first) if layers is None else layers,
         budget,
         progressive,
-        # More would take the cores from the frames.
-        workers=1 if realtime else None,
-        layer_updates=layer_updates,
+        workers=pacing.training_threads,
+        layer_updates=pacing.layer_updates,
         encode_background=encode_background,
         first_number=first_number,
     )

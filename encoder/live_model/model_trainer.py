@@ -36,6 +36,7 @@ from encoder.learning.hidden_faces import (
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
 from encoder.live_model.background_light import background_in_light
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion, live_distortion
+from encoder.live_model.pacing import LAYER_UPDATES
 from protocol.call_parameters import CallParameters
 from protocol.frames.frame_transform import vector_from_face, with_reserved_modes
 from protocol.frames.transform_coding import serialise_transform
@@ -49,12 +50,6 @@ from shared_model.parameters import FaceParameters
 # Share of the budget that the first version takes: its background, and a mean texture that is soon
 # replaced.
 BOOTSTRAP_SHARE = 0.3
-# Versions that bring layers around the face, unless they are progressive: the first has those of
-# its frame, the next those of people who have hardly moved yet, later ones have seen more.
-LAYER_UPDATES = frozenset({0, 1, 2, 4, 6, 8})
-# Where frames do not wait: with layers every frame takes 20 to 30 ms longer, and the first update
-# three times as long, and the face cannot wait for them.
-LAYER_UPDATES_REALTIME = LAYER_UPDATES - {0, 1}
 # Bytes of these, against those of one picture.
 LAYER_BYTES = 1.85
 # Texels and pixels that a frame is fitted by.  Twice as many texels take 4 ms a frame more and gave

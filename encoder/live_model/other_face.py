@@ -15,6 +15,7 @@ from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
 from encoder.live_model.call_trainer import trainer_from
 from encoder.live_model.model_version import ModelVersion
+from encoder.live_model.pacing import REAL_TIME
 from protocol.frames.scalar_quantiser import motion_from_pose, pose_from_motion
 from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
@@ -50,7 +51,7 @@ def version_of_picture(
         points = find(picture)
     if points is None:
         raise UserError("another face: no face is found in that picture")
-    trainer = trainer_from(picture, points, video, gop, budget, progressive=False, realtime=True)
+    trainer = trainer_from(picture, points, video, gop, budget, progressive=False, pacing=REAL_TIME)
     texture_bytes = int(TEXTURE_SHARE * budget.appearance_bytes)
     of_one = replace(budget, appearance_bytes=texture_bytes, max_modes=0)
     return trainer.train(of_one, [picture], [points], 0)
@@ -76,14 +77,18 @@ class ShownFace:
     """Whose face a call shows: the caller's, or another one.
 
     other: None: there is no other.  version: its model, see `version_of_picture`.
-    coding_version: the version of the other face that codes frames now; None: the caller's does.
     """
 
     def __init__(self, other: OtherFace | None = None, version: ModelVersion | None = None) -> None:
         self._other, self._version = other, version
-        self.coding_version: ModelVersion | None = None
+        self._coding_version: ModelVersion | None = None
         self._background = b""  # the caller's newest
         self._number = -1  # of the newest version that has been sent
+
+    @property
+    def coding_version(self) -> ModelVersion | None:
+        """The version of the other face that codes frames now; None: the caller's does."""
+        return self._coding_version
 
     @property
     def is_wanted(self) -> bool:
@@ -104,16 +109,16 @@ class ShownFace:
         """The first version to send, for source frame `index`.  version: the caller's."""
         first = self.with_background(version)
         if self.is_wanted:
-            first = self.coding_version = self.next_other().placed_at(0, index)
+            first = self._coding_version = self.next_other().placed_at(0, index)
         self.note_sent(first)
         return first
 
     def switch(self, own: ModelVersion | None, following: ModelVersion) -> ModelVersion | None:
         """Code frames with a version; returns that of the caller, `own` until then."""
         if self.is_other(following):
-            self.coding_version = following
+            self._coding_version = following
             return own
-        self.coding_version = None
+        self._coding_version = None
         return following
 
     def next_other(self) -> ModelVersion:

@@ -3,9 +3,8 @@
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby, pairwise
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,9 +15,8 @@ from videos import read_frames
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.scene.appearance import AppearanceModel
-from encoder.calls.model_lifecycle import NEXT_STATES, ModelLifecycle, ModelState
-from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
-from encoder.coding.rate_control import OnlineRateController
+from encoder.calls.call_events import CallEvents
+from encoder.calls.model_states import TRANSITIONS, ModelState
 from encoder.coding.rdo_quantiser import CodedPacket
 from encoder.live_model.model_schedule import MODE_SPENDING_EXPONENT
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion
@@ -48,7 +46,7 @@ class Sent:
 
     modes: by the number of their version.  targets, frames: the values of each packet's frames, as
         they were fitted and as they were coded.
-    states: of the model, before and after each packet.
+    states: that the model entered.
     """
 
     path: Path
@@ -74,27 +72,14 @@ def sent(clip: Path, request: pytest.FixtureRequest) -> Sent:
 def send(clip: Path, startup_bitrate: float | None = None, frames: int | None = None) -> Sent:
     found = Sent(clip.with_suffix(".rzo"))
 
-    class NotingSender(ModelUpdateSender):
-        def send_mode(self, version: ModelVersion, mode: bytes) -> None:
-            found.modes.setdefault(version.number, []).append(mode)
-            super().send_mode(version, mode)
+    def on_packet(targets: Array, packet: CodedPacket) -> None:
+        found.targets.append(targets)
+        found.frames.append(packet.frames)
 
-    class NotingLifecycle(ModelLifecycle):
-        def on_packet_sent(self, position: StreamPosition) -> bool:
-            found.states.append(self.state)
-            switched = super().on_packet_sent(position)
-            found.states.append(self.state)
-            return switched
+    def on_mode(version: ModelVersion, mode: bytes) -> None:
+        found.modes.setdefault(version.number, []).append(mode)
 
-    class NotingRateController(OnlineRateController):
-        def encode_packet(
-            self, predictor: FramePredictor, number: int, targets: Any
-        ) -> CodedPacket:
-            packet = super().encode_packet(predictor, number, targets)
-            found.targets.append(targets)
-            found.frames.append(packet.frames)
-            return packet
-
+    events = CallEvents(found.states.append, on_mode, on_packet)
     options = EncodeOptions(
         str(clip),
         found.path,
@@ -103,11 +88,7 @@ def send(clip: Path, startup_bitrate: float | None = None, frames: int | None = 
         model_bytes=LIVE_MODEL_BYTES,
         max_frames=frames,
     )
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("encoder.calls.live_session.ModelUpdateSender", NotingSender)
-        patch.setattr("encoder.calls.live_session.ModelLifecycle", NotingLifecycle)
-        patch.setattr("encoder.calls.live_session.OnlineRateController", NotingRateController)
-        encode(options, lambda done, total: None, lambda: False)
+    encode(options, lambda done, total: None, lambda: False, events=events)
     return found
 
 
@@ -150,13 +131,10 @@ def test_the_decoder_has_the_encoders_modes_of_each_model(sent: Sent) -> None:
 
 
 def test_the_model_goes_through_the_states_of_the_table(sent: Sent) -> None:
-    states = [state for state, _ in groupby(sent.states)]
-    assert states[0] is states[-1] is ModelState.CODING
-    assert ModelState.ANNOUNCED in states
-    # Between two packets the model may pass through more than one state.
-    for before, after in pairwise(states):
-        near = {after} | {state for state in ModelState if after in NEXT_STATES[state]}
-        assert near & set(NEXT_STATES[before])
+    assert sent.states[0] is ModelState.CODING and sent.states[-1] is ModelState.ENDED
+    assert ModelState.ANNOUNCED in sent.states
+    for before, after in pairwise(sent.states):
+        assert after in TRANSITIONS[before].values()
 
 
 def frames_and_modes(packets: Sequence[Packet]) -> list[tuple[Integers, int]]:

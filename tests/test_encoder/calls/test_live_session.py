@@ -10,13 +10,13 @@ from live_encoders import live_encoder
 from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
-from encoder.calls.packet_sender import LEAD_PACKETS_UNPACED
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.live_capture import NO_PICTURE, FrameMailbox, LiveCapture
 from encoder.capture.video_source import open_source
 from encoder.detection.tflite import find_segmentation_network
 from encoder.live_model.model_schedule import TRAINING_SCHEDULE
 from encoder.live_model.model_version import RESERVED_MODES
+from encoder.live_model.pacing import UNPACED
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from protocol.call_file import CallWriter
@@ -52,7 +52,7 @@ def test_an_update_is_announced_ahead_of_its_first_packet(live_call: Path) -> No
     assert is_layered(update.background) if has_layers else not update.background
     assert is_layered(first.background) == has_layers == (none_yet.layers > 0)
     before = sum(isinstance(packet, FramePacket) for packet in packets[:place])
-    assert update.sequence == before + LEAD_PACKETS_UNPACED
+    assert update.sequence == before + UNPACED.lead_packets
     learned = min(TRAINING_SCHEDULE) * FPS
     assert update.call.start_frame > learned
     assert isinstance(packets[-1], ControlPacket) and packets[-1].kind is ControlKind.END

@@ -9,11 +9,11 @@ from encoder.calls.overload import (
     HOLD_OFF_S,
     LAG_LIMIT_S,
     LEVEL_DESCRIPTIONS,
-    MAX_CAMERA_LAG_S,
     RESPONSE_S,
     OverloadController,
     overload_warning,
 )
+from encoder.live_model.pacing import MAX_CAMERA_LAG_S
 from encoder.live_model.work_level import WorkLevel
 
 PERIOD_S = 0.04
