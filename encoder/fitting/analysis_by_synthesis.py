@@ -19,13 +19,13 @@ from encoder.appearance.template import Template
 from encoder.appearance.texel_visibility import DEPTH_CELL_MM, visible_texels
 from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
-from encoder.fitting.increments import RIGID, apply_picture_step
-from encoder.fitting.levenberg_marquardt import (
+from encoder.fitting.gauss_newton import (
     Damping,
     Equations,
     Evaluation,
     levenberg_marquardt,
 )
+from encoder.fitting.increments import RIGID, apply_picture_step
 from runtime.cauchy_weight import cauchy_weight
 from runtime.image_ops import sample_bicubic
 from shared_model.animate import Face

@@ -22,6 +22,7 @@ from encoder.fitting.analysis_by_synthesis import (
     solve_coefficients,
 )
 from encoder.fitting.fit_results import IdentityFit
+from encoder.fitting.gauss_newton import Damping, Evaluation, levenberg_marquardt
 from encoder.fitting.identity import INACTIVE_EAU_SIGMA
 from encoder.fitting.increments import (
     FACE_PARAMETERS,
@@ -31,7 +32,6 @@ from encoder.fitting.increments import (
     shared_parameter_count,
 )
 from encoder.fitting.landmark_fit import EAU_PRIOR_SIGMA
-from encoder.fitting.levenberg_marquardt import Damping, Evaluation, levenberg_marquardt
 from runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
 from shared_model.appearance import Atlas

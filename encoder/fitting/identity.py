@@ -6,10 +6,12 @@ as well.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from encoder.fitting.fit_results import IdentityFit
+from encoder.fitting.gauss_newton import Equations, gauss_newton
 from encoder.fitting.increments import (
     FACE_PARAMETERS,
     RIGID,
@@ -28,7 +30,6 @@ from encoder.fitting.landmark_fit import (
     rotate_fields,
     rotated_points,
 )
-from encoder.fitting.levenberg_marquardt import Equations
 from encoder.fitting.lip_closure import lip_closure_constraints
 from runtime.parallel import parallel_map
 from shared_model import geometry
@@ -67,8 +68,8 @@ def fit_identity(
 ) -> IdentityFit:
     """Identity and focal length from all frames, with pose and actuators of each.
 
-    The steps are plain Gauss-Newton, a fixed number of them: the problem is nearly linear, no cost
-    is evaluated, and the matrix of the last step is the information of the result.
+    The steps are plain Gauss-Newton, a fixed number of them, and the matrix of the last one is the
+    information of the result.
 
     size: (width, height) of the picture.  landmarks: one (468, 3) array a frame, pixels (z too).
     active: the actuators that will move later, None: all.  All others are fixed at rest, the brows
@@ -83,16 +84,22 @@ def fit_identity(
     personal = personalise(model, start.identity.aau, start.control_mm)
     frames = tuple(initial_parameters(personal, start.camera, points) for points in landmarks)
     fitted = IdentityFit(start.camera, start.identity, start.control_mm, frames)
-    for _ in range(ITERATIONS_FROM_INITIAL if initial else ITERATIONS):
+
+    def equations(fitted: IdentityFit) -> Equations:
         personal = personalise(model, fitted.identity.aau, fitted.control_mm)
         lips = None
         if active is not None:
             lips = lip_closure_constraints(
                 model.index, personal.neutral, model.neutral, model.aau, model.residual
             )
-        normal, right = _normal_equations(personal, fitted, landmarks, eau_sigma, lips, workers)
-        step = np.asarray(np.linalg.solve(normal, right), float)
-        fitted = apply_identity_increment(head, fitted, step)
+        return _normal_equations(personal, fitted, landmarks, eau_sigma, lips, workers)
+
+    fitted, normal = gauss_newton(
+        equations,
+        fitted,
+        partial(apply_identity_increment, head),
+        ITERATIONS_FROM_INITIAL if initial else ITERATIONS,
+    )
     return replace(fitted, information=normal if len(frames) == 1 else None)
 
 

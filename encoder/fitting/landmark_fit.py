@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from encoder.detection.landmark_indices import OUTER_EYE_CORNERS, RIGID_LANDMARKS
+from encoder.fitting.gauss_newton import Equations, gauss_newton
 from encoder.fitting.increments import RIGID, apply_clipped_increment
 from runtime.jit import jit
 from shared_model import geometry
@@ -77,10 +78,7 @@ def fit_landmarks(
     active: Sequence[int] = range(len(EAUS)),
     iterations: int = 4,
 ) -> FaceParameters:
-    """Pose and actuators of one frame, by Gauss-Newton steps from `start`.
-
-    The steps are plain Gauss-Newton: the problem is nearly linear, so that every step is taken
-    without evaluating its cost, and the last one is not followed by an evaluation.
+    """Pose and actuators of one frame, by plain Gauss-Newton steps from `start`.
 
     model: personalised.  points_px: (468, >= 2) network landmarks, pixels.
     active: actuators that are fitted; the others keep the values of `start`.
@@ -90,21 +88,22 @@ def fit_landmarks(
     fitted = np.asarray(active, dtype=np.intp)
     free = np.append(np.arange(RIGID), RIGID + fitted)
     prior, scale = 1 / EAU_PRIOR_SIGMA**2, 1 / sigma_px
-    face = start
-    for _ in range(iterations):
+
+    def equations(face: FaceParameters) -> Equations:
         predicted, jacobian = _project_with_jacobian(model, camera, face)
         rows = (jacobian[free] * scale).reshape(len(free), -1)
         normal = rows @ rows.T
         normal[RIGID:, RIGID:] += prior * np.eye(len(fitted))
         right = rows @ ((target[:, :2] - predicted).T * scale).ravel()
         right[RIGID:] -= prior * face.eau[fitted]
-        solution = np.linalg.solve(normal, right)
-        step = np.zeros(len(jacobian))
+        return normal, right
+
+    def moved(face: FaceParameters, solution: Array) -> FaceParameters:
+        step = np.zeros(RIGID + len(EAUS))
         step[free] = solution
-        face = apply_clipped_increment(face, step)
-        if solution @ right < MIN_DECREASE:
-            break
-    return face
+        return apply_clipped_increment(face, step)
+
+    return gauss_newton(equations, start, moved, iterations, MIN_DECREASE)[0]
 
 
 def initial_parameters(model: LandmarkModel, camera: Camera, points_px: Array) -> FaceParameters:

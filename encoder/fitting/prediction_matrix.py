@@ -22,8 +22,8 @@ from encoder.fitting.analysis_by_synthesis import (
     cauchy_weights,
     solve_coefficients,
 )
+from encoder.fitting.gauss_newton import RELATIVE_TOLERANCE
 from encoder.fitting.increments import FACE_PARAMETERS, RIGID, apply_increment
-from encoder.fitting.levenberg_marquardt import RELATIVE_TOLERANCE
 from runtime.image_ops import sample_bicubic
 from shared_model.arrays import Array, Indices, Single
 from shared_model.geometry import matrix_from_quaternion

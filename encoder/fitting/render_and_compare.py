@@ -22,13 +22,13 @@ from encoder.fitting.analysis_by_synthesis import (
     cauchy_weights,
     image_gradients,
 )
-from encoder.fitting.increments import FACE_PARAMETERS, RIGID, apply_picture_step
-from encoder.fitting.levenberg_marquardt import (
+from encoder.fitting.gauss_newton import (
     Equations,
     Evaluation,
     damped_step,
     levenberg_marquardt,
 )
+from encoder.fitting.increments import FACE_PARAMETERS, RIGID, apply_picture_step
 from runtime.bilinear import bilinear_weights
 from runtime.image_ops import hull_mask
 from runtime.jit import jit

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from encoder.capture.colour import luma_f32
+from encoder.fitting.gauss_newton import Equations, gauss_newton, weighted_equations
 from encoder.layers.displacement import dense, dot, moved_back, origins, sample, subtract_scaled
 from encoder.layers.layer_samples import (
     CoarseFrame,
@@ -16,10 +17,11 @@ from encoder.layers.layer_samples import (
 )
 from encoder.layers.light import fit_light, lit, unlit
 from encoder.layers.scene_motion import (
+    RELATIVE_RIDGE,
+    RIDGE_GREY2,
     ScenePyramid,
     blurred,
     fit_scene_motion,
-    gauss_newton_step,
     gradient,
     halved,
     is_explained,
@@ -179,14 +181,19 @@ class LayerFitter:
     def _refined(self, coefficients: Array, frame: CoarseFrame) -> Array:
         """The coefficients of a frame after some Gauss-Newton steps."""
         moves = self._moves(frame.origins)
-        for _ in range(STEPS):
+
+        def equations(coefficients: Array) -> Equations:
             drawn = self._drawn(frame.origins, coefficients, moves)
             residual = frame.luma - drawn.picture
             around = np.asarray(cv2.blur(residual, (3, 3)), np.float32)
             weight = cauchy_weight(around, weight=frame.outside)
-            step = gauss_newton_step(self._slopes(drawn), residual, weight)
-            coefficients = np.clip(coefficients + step, *self.limits.T)
-        return coefficients
+            slopes = self._slopes(drawn)
+            return weighted_equations(slopes, residual, weight, RELATIVE_RIDGE, RIDGE_GREY2)
+
+        def moved(coefficients: Array, step: Array) -> Array:
+            return np.clip(coefficients + step, *self.limits.T)
+
+        return gauss_newton(equations, coefficients, moved, STEPS)[0]
 
     def _doubted(self, coefficients: Array, frame: CoarseFrame) -> Array:
         """The coefficients, with a scene at rest unless its motion explains much of a frame."""

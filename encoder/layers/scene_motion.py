@@ -1,10 +1,11 @@
 """The motion of the scene where the camera moves: fitted to coarse pictures, coarse to fine."""
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import cv2
 import numpy as np
 
+from encoder.fitting.gauss_newton import Equations, gauss_newton, weighted_equations
 from encoder.layers.displacement import dot, moved_back, pixel_grid, sample
 from runtime.cauchy_weight import cauchy_weight
 from shared_model.arrays import Array, Single
@@ -46,15 +47,24 @@ def scene_pyramid(scene: Single) -> ScenePyramid:
 
 def fit_scene_motion(scene: ScenePyramid, luma: Single, weight: Single) -> Array:
     """(4,) how the scene moves in a frame.  luma, weight: (h, w) of the frame."""
-    motion, basis = np.zeros(4), scene_basis((luma.shape[0], luma.shape[1]))
+    motion = np.zeros(4)
     for sigma, (picture, slope) in zip(BLUR_SIGMAS, scene, strict=True):
         target = blurred(luma, sigma)
-        for _ in range(STEPS):
-            at = scene_origins(basis, motion)
-            residual = np.asarray(target - sample(picture, at), np.float32)
-            trust = cauchy_weight(residual, weight=weight)
-            motion = motion + gauss_newton_step(-dot(basis, sample(slope, at)), residual, trust)
+        equations = partial(_equations, picture, slope, target, weight)
+        motion, _ = gauss_newton(equations, motion, np.add, STEPS)
     return motion
+
+
+def _equations(
+    scene: Single, slope: Single, target: Single, weight: Single, motion: Array
+) -> Equations:
+    """scene, slope: a picture (h, w) and its gradient (h, w, 2).  target, weight: (h, w)."""
+    basis = scene_basis((target.shape[0], target.shape[1]))
+    at = scene_origins(basis, motion)
+    residual = np.asarray(target - sample(scene, at), np.float32)
+    trust = cauchy_weight(residual, weight=weight)
+    jacobian = -dot(basis, sample(slope, at))
+    return weighted_equations(jacobian, residual, trust, RELATIVE_RIDGE, RIDGE_GREY2)
 
 
 def is_explained(moving: float, still: float) -> bool:
@@ -83,12 +93,3 @@ def gradient(image: Single) -> Single:
     across = cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3) / 8
     down = cv2.Sobel(image, cv2.CV_32F, 0, 1, ksize=3) / 8
     return np.stack([across, down], -1).astype(np.float32)
-
-
-def gauss_newton_step(jacobian: Single, residual: Single, weight: Single) -> Array:
-    """(k,) the Gauss-Newton step.  jacobian: (k, h, w).  residual, weight: (h, w)."""
-    rows = jacobian.reshape(len(jacobian), -1).astype(np.float64)
-    weighted = rows * weight.ravel()
-    normal = weighted @ rows.T
-    ridge = RELATIVE_RIDGE * np.diag(normal) + RIDGE_GREY2 * rows.shape[1]
-    return np.asarray(np.linalg.solve(normal + np.diag(ridge), weighted @ residual.ravel()))

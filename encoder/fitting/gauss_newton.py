@@ -1,6 +1,7 @@
-"""The Levenberg-Marquardt solver of all fits that compare pictures.
+"""The solvers of all least-squares fits: Gauss-Newton, plain and damped (Levenberg-Marquardt).
 
-Fits of landmarks are plain Gauss-Newton, see `landmark_fit.fit_landmarks`.
+Plain where the problem is nearly linear, so that every step can be taken without evaluating its
+cost: landmarks, coarse pictures.  Damped where pictures are compared in detail.
 """
 
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from shared_model.arrays import Array
+from shared_model.arrays import Array, Single
 
 Equations = tuple[Array, Array]
 State = TypeVar("State")
@@ -47,6 +48,50 @@ class Damping:
     decrease: float
     relative_ridge: float = 0.0
     absolute_ridge: float = 0.0
+
+
+def solved(normal: Array, right: Array) -> Array:
+    """The step (n,) that solves normal equations."""
+    return np.asarray(np.linalg.solve(normal, right), np.float64)
+
+
+def gauss_newton(
+    equations: Callable[[State], Equations],
+    start: State,
+    apply_step: Callable[[State, Array], State],
+    iterations: int,
+    min_decrease: float = -np.inf,
+) -> tuple[State, Array]:
+    """The state after some Gauss-Newton steps, and the normal matrix (n, n) of the last one.
+
+    equations: the normal equations at a state.
+    apply_step: adds a step (n,) to a state.
+    iterations: at most, and at least one; a step whose linearised decrease of the sum of squares
+        is less than `min_decrease` is the last.
+    """
+    state = start
+    for _ in range(iterations):
+        normal, right = equations(state)
+        step = solved(normal, right)
+        state = apply_step(state, step)
+        if step @ right < min_decrease:
+            break
+    return state, normal
+
+
+def weighted_equations(
+    jacobian: Single, residual: Single, weight: Single, relative_ridge: float, ridge: float
+) -> Equations:
+    """The normal equations of a picture's residual.
+
+    jacobian: (k, h, w) of what is drawn.  residual, weight: (h, w).
+    relative_ridge: of the matrix' diagonal.  ridge: its least value, squared grey levels per pixel.
+    """
+    rows = jacobian.reshape(len(jacobian), -1).astype(np.float64)
+    weighted = rows * weight.ravel()
+    normal = weighted @ rows.T
+    added = relative_ridge * np.diag(normal) + ridge * rows.shape[1]
+    return normal + np.diag(added), weighted @ residual.ravel()
 
 
 def levenberg_marquardt(
@@ -93,5 +138,4 @@ def damped_step(equations: Equations, factor: float, damping: Damping, undamped:
     normal, right = equations
     share = np.full(len(normal), damping.relative_ridge)
     share[: len(normal) - undamped] += factor
-    damped = normal + np.diag(share * np.diag(normal) + damping.absolute_ridge)
-    return np.asarray(np.linalg.solve(damped, right), np.float64)
+    return solved(normal + np.diag(share * np.diag(normal) + damping.absolute_ridge), right)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from encoder.fitting.levenberg_marquardt import Damping, Equations, Evaluation, levenberg_marquardt
+from encoder.fitting.gauss_newton import Damping, Equations, Evaluation, levenberg_marquardt
 
 UNDAMPED_FIRST = Damping(initial=0.0, least_after_increase=0.1, decrease=10.0)
 DAMPED = Damping(initial=1e-3, least_after_increase=0.0, decrease=5.0)
