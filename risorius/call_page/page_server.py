@@ -15,8 +15,6 @@ from typing import Any, Self
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
 from protocol.errors import ProtocolError
-from protocol.link.endpoints import bind_reason
-from risorius.call_page.access import HEADERS, HOST, Access, not_served, random_token
 from risorius.call_page.audience import Audience, Watcher
 from risorius.call_page.messages import (
     MAX_JPEG_BYTES,
@@ -26,6 +24,8 @@ from risorius.call_page.messages import (
     parse_message,
     serialise_message,
 )
+from risorius.page.access import HEADERS
+from risorius.page.local_site import LocalSite, fixed
 
 BOUNDARY = "picture"
 PATIENCE_S = 0.5
@@ -54,31 +54,27 @@ class PageServer:
         self.audience = Audience()
         self._on_command, self._on_camera, self._on_sound = on_command, on_camera, on_sound
         self._giving: web.WebSocketResponse | None = None  # whose camera and microphone are used
-        self._page = (files("risorius.call_page") / "call.html").read_bytes()
         self._sockets: set[web.WebSocketResponse] = set()
         self._patience_s, self._all_left = patience_s, asyncio.Event()
         self._all_left.set()
-        self._access = Access(0, random_token())
-        self._runner = web.AppRunner(
-            self._application(), access_log=None, shutdown_timeout=patience_s
+        page = (files("risorius.call_page") / "call.html").read_bytes()
+        self._site = LocalSite(
+            {
+                ("GET", ""): fixed(page, "text/html"),
+                ("GET", "ws"): self._get_socket,
+                ("GET", "stream.mjpg"): self._get_stream,
+            },
+            patience_s,
         )
 
     @property
     def address(self) -> str:
         """The address of the page, with its secret part."""
-        return self._access.address
+        return self._site.address
 
     async def open(self, port: int) -> None:
         """Listen on this TCP port; 0: any free one.  Raises `UserError` if it is taken."""
-        await self._runner.setup()
-        site = web.TCPSite(self._runner, HOST, port)
-        try:
-            await site.start()
-        except OSError as error:
-            await self._runner.cleanup()
-            raise not_served(port, bind_reason(error)) from error
-        bound: int = self._runner.addresses[0][1]
-        self._access = Access(bound, self._access.token)
+        await self._site.open(port)
 
     async def close(self) -> None:
         """Say goodbye to all pages and stop listening."""
@@ -91,7 +87,7 @@ class PageServer:
             await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the call has ended")
         # A stream ends after the picture that is on its way.
         self.audience.end()
-        await self._runner.cleanup()
+        await self._site.close()
 
     def show(self, picture: PictureMessage) -> None:
         """Send a picture to all pages."""
@@ -110,26 +106,6 @@ class PageServer:
 
     async def __aexit__(self, *exception: object) -> None:
         await self.close()
-
-    def _application(self) -> web.Application:
-        application = web.Application(middlewares=[self._checked])
-        application.router.add_get("/{token}/", self._get_page)
-        application.router.add_get("/{token}/ws", self._get_socket)
-        application.router.add_get("/{token}/stream.mjpg", self._get_stream)
-        return application
-
-    @web.middleware
-    async def _checked(self, request: web.Request, handler: Any) -> web.StreamResponse:
-        is_websocket = request.headers.get("Upgrade", "").lower() == "websocket"
-        token = request.path.split("/")[1]
-        reason = self._access.refusal(request.headers, token, is_websocket)
-        if reason is not None:
-            return web.Response(status=403, text=f"{reason}\n", headers=HEADERS)
-        answer: web.StreamResponse = await handler(request)
-        return answer
-
-    async def _get_page(self, request: web.Request) -> web.Response:
-        return web.Response(body=self._page, content_type="text/html", headers=HEADERS)
 
     async def _get_stream(self, request: web.Request) -> web.StreamResponse:
         kind = f"multipart/x-mixed-replace; boundary={BOUNDARY}"

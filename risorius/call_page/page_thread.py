@@ -3,15 +3,14 @@
 import asyncio
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
 from contextlib import suppress
-from threading import Thread
 from typing import Any, Self
 
 import cv2
 
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_server import PageServer
+from risorius.page.loop_thread import LoopThread
 from shared_model.arrays import Picture, Samples
 
 JPEG_QUALITY = 90
@@ -27,13 +26,13 @@ class PageThread:
     """
 
     def __init__(self, port: int) -> None:
-        self._loop = asyncio.new_event_loop()
-        self._thread = Thread(target=self._loop.run_forever, daemon=True)
-        self._thread.start()
-        self._server: PageServer = self._wait(self._open(port))
-        self._joined: Future[None] = asyncio.run_coroutine_threadsafe(
-            self._server.audience.joined(), self._loop
-        )
+        self._loop = LoopThread()
+        try:
+            self._server = self._loop.run(_opened(port))
+        except BaseException:
+            self._loop.close()
+            raise
+        self._joined = self._loop.start(self._server.audience.joined())
 
     @property
     def address(self) -> str:
@@ -55,27 +54,25 @@ class PageThread:
         message = PictureMessage(
             Stream.OTHER, index, time_s, 1000 * time.time(), jpeg, frozen, lost
         )
-        self._loop.call_soon_threadsafe(self._server.show, message)
+        self._loop.call(self._server.show, message)
 
     def play(self, time_s: float, rate_hz: int, samples: Samples) -> None:
         """Play a voice, (n,) int16 at `rate_hz`; time_s: of its first sample in the source."""
         message = SoundMessage(Stream.VOICE, rate_hz, time_s, 0.0, samples.tobytes())
-        self._loop.call_soon_threadsafe(self._server.play, message)
+        self._loop.call(self._server.play, message)
 
     def tell(self, kind: str, **content: Any) -> None:
         """Tell the page a state, see `PageServer.tell`."""
-        self._loop.call_soon_threadsafe(lambda: self._server.tell(kind, **content))
+        self._loop.call(lambda: self._server.tell(kind, **content))
 
     def close(self) -> None:
         """Let the page show what it has, then end."""
         if self._joined.done():
             with suppress(TimeoutError):
-                self._wait(asyncio.wait_for(self._server.audience.emptied(), LAST_S))
+                self._loop.run(asyncio.wait_for(self._server.audience.emptied(), LAST_S))
             time.sleep(LINGER_S)
         self._joined.cancel()
-        self._wait(self._server.close())
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
+        self._loop.run(self._server.close())
         self._loop.close()
 
     def __enter__(self) -> Self:
@@ -84,18 +81,11 @@ class PageThread:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    async def _open(self, port: int) -> PageServer:
-        server = PageServer()
-        await server.open(port)
-        return server
 
-    def _wait(self, coroutine: Any) -> Any:
-        try:
-            return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result()
-        except BaseException:
-            with suppress(RuntimeError):
-                self._loop.call_soon_threadsafe(self._loop.stop)
-            raise
+async def _opened(port: int) -> PageServer:
+    server = PageServer()
+    await server.open(port)
+    return server
 
 
 def encoded_picture(picture: Picture) -> bytes:

@@ -118,7 +118,7 @@ def check_ports(arguments: argparse.Namespace) -> None:
     """Raise `UserError` with exit code 4 where this end cannot listen, or its page be served."""
     check_listening(arguments.listen or ())
     if arguments.view:
-        from risorius.call_page.access import check_port
+        from risorius.page.access import check_port
 
         check_port(arguments.port)
 

@@ -115,9 +115,9 @@ def run_call(arguments: argparse.Namespace) -> int:
 
 
 def _options(arguments: argparse.Namespace) -> "CallOptions":
-    from risorius.call_page.access import check_port
     from risorius.live_call.call_options import CallOptions
     from risorius.live_call.devices import check_devices
+    from risorius.page.access import check_port
 
     face = _other_face(arguments)
     if not arguments.folder.is_dir():

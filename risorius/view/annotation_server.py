@@ -1,16 +1,18 @@
 """`risorius view --annotation`: a page in which annotations are corrected by hand."""
 
+import asyncio
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from http import HTTPStatus
 from importlib.resources import files
 from pathlib import Path
 from threading import Lock
 from typing import Any
-from urllib.parse import SplitResult, parse_qs
+
+from aiohttp import web
 
 from aam.model_file import read_model
+from risorius.page.local_site import Handler, LocalSite, answer, fixed
 from risorius.view.annotation_residual import MeanResidual, ModelResidual, Residual
 from risorius.view.annotation_state import (
     AnnotationFolder,
@@ -19,11 +21,6 @@ from risorius.view.annotation_state import (
     jpeg,
     shown,
 )
-from risorius.view.local_page import HTML, JPEG, JSON, TEXT, PageHandler, PageServer
-from shared_model.errors import UserError
-
-# Bytes of a request's body at most: every landmark and value takes less.
-MOST_BYTES = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,21 +51,53 @@ def view_annotations(options: AnnotationViewOptions, announce: Callable[[str], N
     else:
         residual = MeanResidual(folder.path, folder.names)
     folder.open(folder.names[0])
-    with _Server(options.port, folder, residual) as server:
-        announce(server.access.address)
-        server.serve_forever()
+    asyncio.run(_serve(options.port, _Annotations(folder, residual), announce))
 
 
-class _Server(PageServer):
-    def __init__(self, port: int, folder: AnnotationFolder, residual: Residual) -> None:
-        self.page = (files("risorius.view") / "annotation.html").read_bytes()
+async def _serve(port: int, shown: "_Annotations", announce: Callable[[str], None]) -> None:
+    async with LocalSite(shown.pages()) as site:
+        await site.open(port)
+        announce(site.address)
+        await asyncio.Event().wait()
+
+
+class _Annotations:
+    """What the page asks for; the fits are made in threads, one at a time."""
+
+    def __init__(self, folder: AnnotationFolder, residual: Residual) -> None:
         self._folder, self._residual, self._lock = folder, residual, Lock()
         self._last: OpenAnnotation | None = None
-        super().__init__(port, _Handler)
 
-    def described(self) -> dict[str, Any]:
-        """See `description`."""
-        return description(self._folder, self._residual.name)
+    def pages(self) -> dict[tuple[str, str], Handler]:
+        """The page, what holds for all annotations, one of them, its picture; to fit or save."""
+        page = (files("risorius.view") / "annotation.html").read_bytes()
+
+        async def described(request: web.Request) -> web.Response:
+            return _json(description(self._folder, self._residual.name))
+
+        async def stored(request: web.Request) -> web.Response:
+            return _json(await asyncio.to_thread(self.stored, _name(request)))
+
+        async def picture(request: web.Request) -> web.Response:
+            data = await asyncio.to_thread(self.picture, _name(request))
+            return answer(data, "image/jpeg")
+
+        def corrects(is_saved: bool) -> Handler:
+            async def corrected(request: web.Request) -> web.Response:
+                values = _parsed(await request.read())
+                name = _name(request)
+                return _json(await asyncio.to_thread(self.corrected, name, values, is_saved))
+
+            return corrected
+
+        return {
+            ("GET", ""): fixed(page, "text/html"),
+            ("GET", "annotations.json"): described,
+            ("GET", "annotation.json"): stored,
+            ("GET", "picture.jpg"): picture,
+            ("POST", "fit"): corrects(False),
+            ("POST", "save"): corrects(True),
+        }
 
     def picture(self, name: str) -> bytes:
         """What the page shows of a picture, JPEG."""
@@ -97,59 +126,12 @@ class _Server(PageServer):
         return self._last
 
 
-class _Handler(PageHandler):
-    server: _Server
-
-    def do_GET(self) -> None:
-        """The page, what holds for all annotations, one of them, or its picture."""
-        where = self.admitted()
-        if where is None:
-            return
-        if where.path == "":
-            self.reply(HTTPStatus.OK, HTML, self.server.page)
-        elif where.path == "annotations.json":
-            self._values(self.server.described)
-        elif where.path == "annotation.json":
-            self._values(lambda: self.server.stored(_name(where)))
-        elif where.path == "picture.jpg":
-            self._answer(JPEG, lambda: self.server.picture(_name(where)))
-        else:
-            self.no_such_page()
-
-    def do_POST(self) -> None:
-        """Fit with what the page has set, or save that."""
-        where = self.admitted()
-        if where is None:
-            return
-        if where.path not in ("fit", "save"):
-            self.close_connection = True
-            self.no_such_page()
-            return
-        is_saved = where.path == "save"
-        body = self._body()
-        self._values(lambda: self.server.corrected(_name(where), _parsed(body), is_saved))
-
-    def _body(self) -> bytes:
-        length = self.headers.get("Content-Length", "")
-        if not length.isdecimal() or int(length) > MOST_BYTES:
-            self.close_connection = True
-            return b""
-        return self.rfile.read(int(length))
-
-    def _values(self, make: Callable[[], dict[str, Any]]) -> None:
-        self._answer(JSON, lambda: json.dumps(make()).encode())
-
-    def _answer(self, kind: str, make: Callable[[], bytes]) -> None:
-        try:
-            body = make()
-        except (ValueError, UserError) as error:
-            self.reply(HTTPStatus.BAD_REQUEST, TEXT, f"{error}\n".encode())
-        else:
-            self.reply(HTTPStatus.OK, kind, body)
+def _json(values: dict[str, Any]) -> web.Response:
+    return answer(json.dumps(values).encode(), "application/json")
 
 
-def _name(where: SplitResult) -> str:
-    return parse_qs(where.query).get("name", [""])[0]
+def _name(request: web.Request) -> str:
+    return request.query.get("name", "")
 
 
 def _parsed(body: bytes) -> dict[str, Any]:

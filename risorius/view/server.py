@@ -1,26 +1,30 @@
 """`risorius view`: one local page with a slider for every actuator, drawn by the real renderer.
 
-page -> request -> the newest of each page -> actor -> JPEG.  Requests come on threads of their own;
-all drawing is done on the thread that calls `view`, since a GL context belongs to one.
+page -> request -> the newest of each page -> actor -> JPEG.  Requests come to an event loop in a
+thread of its own; all drawing is done on the thread that calls `view`, since a GL context belongs
+to one.
 """
 
+import asyncio
 import json
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from http import HTTPStatus
 from importlib.resources import files
 from pathlib import Path
-from threading import Condition, Thread
+from threading import Condition
 from typing import Any
 
 import cv2
 import numpy as np
+from aiohttp import web
 
 from risorius.animation.animate import Actor, open_actor, side_light
 from risorius.animation.animation_script import AnimationState, Script, parse_script
-from risorius.view.local_page import HTML, JPEG, JSON, TEXT, PageHandler, PageServer
+from risorius.page.access import HEADERS
+from risorius.page.local_site import LocalSite, answer, fixed
+from risorius.page.loop_thread import LoopThread
 from risorius.view.view_state import page_description, state_from_query
 from shared_model.arrays import Picture
 from shared_model.errors import UserError
@@ -58,10 +62,10 @@ class RequestQueue:
         self._waiting: dict[str, RenderRequest] = {}
         self._changed = Condition()
 
-    def render(self, page: str, state: AnimationState) -> bytes | None:
-        """Wait for the picture; None if the same page has asked for another since.
+    def ask(self, page: str, state: AnimationState) -> "Future[bytes | None]":
+        """The picture to come; None if the same page has asked for another since.
 
-        Raises `UserError` if it cannot be drawn.
+        It fails with `UserError` if it cannot be drawn.
         """
         request = RenderRequest(state)
         with self._changed:
@@ -70,7 +74,7 @@ class RequestQueue:
             self._changed.notify()
         if older is not None:
             older.picture.set_result(None)
-        return request.picture.result()
+        return request.picture
 
     def pages(self) -> set[str]:
         """The pages whose picture is not being drawn yet."""
@@ -97,11 +101,12 @@ def view(options: ViewOptions, announce: Callable[[str], None]) -> None:
         actor = open_actor(studio, options.call_file)
         stack.callback(actor.close)
         requests = RequestQueue()
-        server = _Server(options.port, requests, _description(actor, studio, options))
-        stack.callback(server.server_close)
-        Thread(target=server.serve_forever, daemon=True).start()
-        stack.callback(server.shutdown)
-        announce(server.access.address)
+        loop = LoopThread()
+        stack.callback(loop.close)
+        site = _site(requests, _description(actor, studio, options))
+        loop.run(site.open(options.port))
+        stack.callback(lambda: loop.run(site.close()))
+        announce(site.address)
         while True:
             serve(requests.take(), actor)
 
@@ -134,42 +139,23 @@ def _description(actor: Actor, studio: Script, options: ViewOptions) -> dict[str
     return page_description(camera.width, camera.height, caller)
 
 
-class _Server(PageServer):
-    def __init__(self, port: int, requests: RequestQueue, described: dict[str, Any]) -> None:
-        self.requests = requests
-        self.page = (files("risorius.view") / "view.html").read_bytes()
-        self.model = json.dumps(described).encode()
-        super().__init__(port, _Handler)
+def _site(requests: RequestQueue, described: dict[str, Any]) -> LocalSite:
+    """The page, the model's description, and pictures."""
 
-
-class _Handler(PageHandler):
-    server: _Server
-
-    def do_GET(self) -> None:
-        """The page, the model's description, or a picture."""
-        where = self.admitted()
-        if where is None:
-            return
-        if where.path == "":
-            self.reply(HTTPStatus.OK, HTML, self.server.page)
-        elif where.path == "model.json":
-            self.reply(HTTPStatus.OK, JSON, self.server.model)
-        elif where.path == "picture.jpg":
-            self._picture(where.query)
-        else:
-            self.no_such_page()
-
-    def _page(self) -> str:
-        """Name of the client: the one that a page gives itself, else the connection."""
-        return self.headers.get("X-Page") or str(self.client_address)
-
-    def _picture(self, query: str) -> None:
-        try:
-            data = self.server.requests.render(self._page(), state_from_query(query))
-        except (ValueError, UserError) as error:
-            self.reply(HTTPStatus.BAD_REQUEST, TEXT, f"{error}\n".encode())
-            return
+    async def picture(request: web.Request) -> web.Response:
+        # The client: the name that a page gives itself, else the connection.
+        page = request.headers.get("X-Page") or str(request.remote)
+        state = state_from_query(request.query_string)
+        data = await asyncio.wrap_future(requests.ask(page, state))
         if data is None:
-            self.reply(HTTPStatus.NO_CONTENT, JPEG, b"")
-        else:
-            self.reply(HTTPStatus.OK, JPEG, data)
+            return web.Response(status=204, headers=HEADERS)
+        return answer(data, "image/jpeg")
+
+    page = (files("risorius.view") / "view.html").read_bytes()
+    return LocalSite(
+        {
+            ("GET", ""): fixed(page, "text/html"),
+            ("GET", "model.json"): fixed(json.dumps(described).encode(), "application/json"),
+            ("GET", "picture.jpg"): picture,
+        }
+    )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from risorius.call_page.access import Access, random_token
+from risorius.page.access import Access, random_token
 
 ACCESS = Access(8123, "secret")
 OWN = "http://127.0.0.1:8123"

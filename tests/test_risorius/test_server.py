@@ -145,7 +145,7 @@ def test_of_one_page_only_the_newest_request_is_drawn_and_pages_take_turns() -> 
     }
 
     def request(name: str, state: AnimationState) -> None:
-        answers[name] = requests.render(name[0], state)
+        answers[name] = requests.ask(name[0], state).result()
 
     first = Thread(target=request, args=("a1", states["a1"]))
     first.start()
@@ -167,7 +167,7 @@ def test_a_picture_that_fails_fails_for_whoever_asked() -> None:
     asked = Thread(target=lambda: requests.take().picture.set_exception(UserError("no")))
     asked.start()
     with pytest.raises(UserError, match="no"):
-        requests.render("a", state_from_query(""))
+        requests.ask("a", state_from_query("")).result()
     asked.join(LIMIT_S)
 
 

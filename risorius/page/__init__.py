@@ -1,0 +1,1 @@
+"""Pages of this host: who may see them, and their server."""
