@@ -69,10 +69,17 @@ dist: $(INSTALLED)
 dist-check: dist
 	sh scripts/check_wheel.sh $(PYTHON) dist/*.whl
 
-lint: $(INSTALLED)
+lint: $(INSTALLED) node_modules/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	sh scripts/check_pages.sh
+
+# What checks the pages' scripts.
+node_modules/.installed: package.json package-lock.json scripts/system_libraries.sh
+	sh scripts/system_libraries.sh $(PYTHON) node
+	npm ci --silent --ignore-scripts
+	touch $@
 
 # Side by side: types are checked by one core while another compiles loops, and tests of links wait.
 test: $(INSTALLED)

@@ -126,9 +126,9 @@ class Browser:
         return answer["result"].get("value")
 
     def wait(self, condition: str, limit_s: float = LIMIT_S) -> None:
-        """Wait until a JavaScript condition holds."""
+        """Wait until a JavaScript condition holds on a page whose scripts have been loaded."""
         deadline = time.monotonic() + limit_s
-        while not self.value(condition):
+        while not self.value(f"document.readyState != 'loading' && ({condition})"):
             assert time.monotonic() < deadline, f"still not: {condition}"
             time.sleep(0.02)
 

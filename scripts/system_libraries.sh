@@ -1,7 +1,7 @@
 #!/bin/sh
 # Makes sure of what pip cannot install: a Python that makes environments, and EGL in software; with
-# "browser" also Chromium, which only the test of the viewer's page needs.
-# usage: system_libraries.sh [PYTHON [browser]]
+# "browser" also Chromium, which only the tests of the pages need, with "node" npm, which only checks their scripts.
+# usage: system_libraries.sh [PYTHON [browser|node]]
 set -eu
 python=${1:-python3}
 purpose=${2:-run}
@@ -25,6 +25,9 @@ missing() {
     if [ "$purpose" = browser ]; then
         command -v chromium >/dev/null || command -v chromium-browser >/dev/null \
             || command -v google-chrome >/dev/null || echo chromium
+    fi
+    if [ "$purpose" = node ]; then
+        command -v npm >/dev/null || echo npm
     fi
 }
 

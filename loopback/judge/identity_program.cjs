@@ -3,8 +3,8 @@
 //
 //   NODE_PATH=MODULES node identity_program.cjs MODULES < RGB crops of 224x224 > 1024 float32 for each
 "use strict";
-const { readFileSync } = require("fs");
-const path = require("path");
+const { readFileSync } = require("node:fs");
+const path = require("node:path");
 const tf = require("@tensorflow/tfjs-core");
 const wasm = require("@tensorflow/tfjs-backend-wasm");
 const { loadGraphModel } = require("@tensorflow/tfjs-converter");
@@ -28,14 +28,19 @@ async function main() {
   const crops = readFileSync(0);
   const size = SIDE * SIDE * 3;
   for (let start = 0; start + size <= crops.length; start += size) {
-    const crop = tf.tensor4d(Float32Array.from(crops.subarray(start, start + size)), [1, SIDE, SIDE, 3]);
+    const crop = tf.tensor4d(Float32Array.from(crops.subarray(start, start + size)), [
+      1,
+      SIDE,
+      SIDE,
+      3,
+    ]);
     const features = network.execute(crop, FEATURES);
     process.stdout.write(Buffer.from(Float32Array.from(await features.data()).buffer));
     tf.dispose([crop, features]);
   }
 }
 
-main().catch(error => {
+main().catch((error) => {
   console.error(String(error.message || error));
   process.exit(1);
 });

@@ -9,7 +9,6 @@ import asyncio
 import json
 from collections.abc import Callable
 from contextlib import suppress
-from importlib.resources import files
 from typing import Any, Self
 
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
@@ -25,8 +24,9 @@ from risorius.call_page.messages import (
     serialise_message,
 )
 from risorius.page.access import HEADERS
-from risorius.page.local_site import LocalSite, fixed
+from risorius.page.local_site import LocalSite, page_files
 
+SCRIPTS = ("player", "voice", "voice_worklet", "tape", "devices", "camera_worker", "call")
 BOUNDARY = "picture"
 PATIENCE_S = 0.5
 CommandCallback = Callable[[dict[str, Any]], None]
@@ -57,10 +57,9 @@ class PageServer:
         self._sockets: set[web.WebSocketResponse] = set()
         self._patience_s, self._all_left = patience_s, asyncio.Event()
         self._all_left.set()
-        page = (files("risorius.call_page") / "call.html").read_bytes()
         self._site = LocalSite(
             {
-                ("GET", ""): fixed(page, "text/html"),
+                **page_files("risorius.call_page", "call", SCRIPTS),
                 ("GET", "ws"): self._get_socket,
                 ("GET", "stream.mjpg"): self._get_stream,
             },

@@ -1,6 +1,7 @@
 """A site on a TCP port of this host, for programs that know its address."""
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from importlib.resources import files
 from typing import Any, Self
 
 from aiohttp import web
@@ -73,7 +74,19 @@ class LocalSite:
 
 def answer(body: bytes, content_type: str) -> web.Response:
     """An answer with a body of this media type."""
-    return web.Response(body=body, content_type=content_type, headers=HEADERS)
+    charset = "utf-8" if content_type.startswith("text/") else None
+    return web.Response(body=body, content_type=content_type, charset=charset, headers=HEADERS)
+
+
+def page_files(package: str, name: str, scripts: Sequence[str]) -> dict[tuple[str, str], Handler]:
+    """The page `name`.html of a package, its style sheet, and the scripts (`NAME`.js)."""
+    folder = files(package)
+    pages = {("GET", ""): fixed((folder / f"{name}.html").read_bytes(), "text/html")}
+    pages["GET", f"{name}.css"] = fixed((folder / f"{name}.css").read_bytes(), "text/css")
+    for script in scripts:
+        code = (folder / f"{script}.js").read_bytes()
+        pages["GET", f"{script}.js"] = fixed(code, "text/javascript")
+    return pages
 
 
 def fixed(body: bytes, content_type: str) -> Handler:

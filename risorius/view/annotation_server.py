@@ -4,7 +4,6 @@ import asyncio
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 from aiohttp import web
 
 from aam.model_file import read_model
-from risorius.page.local_site import Handler, LocalSite, answer, fixed
+from risorius.page.local_site import Handler, LocalSite, answer, page_files
 from risorius.view.annotation_residual import MeanResidual, ModelResidual, Residual
 from risorius.view.annotation_state import (
     AnnotationFolder,
@@ -70,7 +69,6 @@ class _Annotations:
 
     def pages(self) -> dict[tuple[str, str], Handler]:
         """The page, what holds for all annotations, one of them, its picture; to fit or save."""
-        page = (files("risorius.view") / "annotation.html").read_bytes()
 
         async def described(request: web.Request) -> web.Response:
             return _json(description(self._folder, self._residual.name))
@@ -91,7 +89,7 @@ class _Annotations:
             return corrected
 
         return {
-            ("GET", ""): fixed(page, "text/html"),
+            **page_files("risorius.view", "annotation", ["annotation"]),
             ("GET", "annotations.json"): described,
             ("GET", "annotation.json"): stored,
             ("GET", "picture.jpg"): picture,

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from importlib.resources import files
 from pathlib import Path
 from threading import Condition
 from typing import Any
@@ -23,7 +22,7 @@ from aiohttp import web
 from risorius.animation.animate import Actor, open_actor, side_light
 from risorius.animation.animation_script import AnimationState, Script, parse_script
 from risorius.page.access import HEADERS
-from risorius.page.local_site import LocalSite, answer, fixed
+from risorius.page.local_site import LocalSite, answer, fixed, page_files
 from risorius.page.loop_thread import LoopThread
 from risorius.view.view_state import page_description, state_from_query
 from shared_model.arrays import Picture
@@ -151,10 +150,9 @@ def _site(requests: RequestQueue, described: dict[str, Any]) -> LocalSite:
             return web.Response(status=204, headers=HEADERS)
         return answer(data, "image/jpeg")
 
-    page = (files("risorius.view") / "view.html").read_bytes()
     return LocalSite(
         {
-            ("GET", ""): fixed(page, "text/html"),
+            **page_files("risorius.view", "view", ["view"]),
             ("GET", "model.json"): fixed(json.dumps(described).encode(), "application/json"),
             ("GET", "picture.jpg"): picture,
         }

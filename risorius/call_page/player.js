@@ -1,0 +1,165 @@
+/** The element of an id, of whatever kind it is in the page.
+ * @param {string} id
+ * @returns {any} */
+const el = (id) => document.getElementById(id);
+const OTHER = 1,
+  SELF = 2,
+  CAMERA = 3,
+  VOICE = 4,
+  MICROPHONE = 5,
+  HEADER_BYTES = 24;
+// Pictures that wait for their time at most: more come only while the page is not drawn.
+const MAX_QUEUED = 90;
+// Pictures that wait to be decoded at most, and how many of the newest stay then: what is left out costs nothing.
+const MAX_CODED = 24,
+  KEPT_CODED = 8;
+// For so long it is said that this computer is too slow.
+const SLOW_S = 5;
+const WINDOW_S = 3,
+  MARGIN_S = 0.004,
+  SHRINK_S = 0.0004;
+// A picture is drawn before the frame of the screen that is next to its time.
+const HALF_FRAME_S = 0.008;
+// The window has slots, as long as a packet at least; of four and more the latest is left out of account, of six and more two.
+const SLOT_S = 0.5,
+  LEFT_OUT = [4, 6];
+// Whoever is so much later than needed catches up at once.
+const EXCESS_S = 0.15,
+  KEPT_S = 0.02;
+const now = () => performance.now() / 1000;
+
+// Shows pictures at the distances at which they were taken.  They come in groups, a packet at a time:
+// each is shown `offset` after its time in the source, so late that those of the last seconds did not miss it.  Two
+// slots of that time may: what comes later than the others is shown at once, and does not delay the rest of the call.
+/** A picture as it has come.  jpeg: its file; bitmap: decoded.  time: in the source, seconds.
+ * made, came: when it was taken and has come, ms since 1970.  waited: at the other end, ms.
+ * frozen: 0, 1: no face is in the picture, 2: nothing comes.
+ * @typedef {{frozen: number, index: number, time: number, made: number, waited: number,
+ *   came: number, jpeg: Uint8Array<ArrayBuffer>, bitmap?: ImageBitmap}} Picture */
+
+class Player {
+  /** @param {HTMLCanvasElement} canvas */
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+    /** @type {Picture[]} */
+    this.queue = [];
+    this.shown = 0;
+    this.index = -1;
+    /** @type {number[][]} */
+    this.log = [];
+    /** @type {Picture[]} */
+    this.coded = [];
+    this.frozen = 0;
+    /** @type {number | undefined} */
+    this.wait = undefined;
+    /** From the time in the source to that of the page, seconds; null: not known yet.
+     * @type {number | null} */
+    this.offset = null;
+    /** @type {{at: number, needs: number}[]} */
+    this.late = [];
+    this.last = -Infinity;
+    this.isDecoding = false;
+    this.leftOut = 0;
+    this.slowAt = -Infinity;
+    this.reset();
+  }
+  reset() {
+    this.offset = null;
+    this.late = [];
+    this.last = -Infinity;
+    this.drop(this.queue.length);
+  }
+  /** @param {number} count */
+  drop(count) {
+    for (const picture of this.queue.splice(0, count)) picture.bitmap?.close();
+  }
+  /** What comes now has this time in the source, and can be shown so much later, seconds.
+   * @param {number} time
+   * @param {number} margin */
+  arrived(time, margin) {
+    // A new call, or one that has jumped: its times have nothing to do with those before.
+    if (time < this.last - 1 || time > this.last + 5) this.reset();
+    this.last = time;
+    const at = now(),
+      needs = at - time + margin;
+    this.late.push({ at, needs });
+    while (this.late[0].at < at - WINDOW_S) this.late.shift();
+    const enough = this.enough() ?? needs;
+    if (this.offset === null || enough > this.offset) this.offset = enough;
+    else if (enough < this.offset - EXCESS_S) this.offset = enough + KEPT_S;
+    else if (enough < this.offset) this.offset = Math.max(enough, this.offset - SHRINK_S);
+  }
+  enough() {
+    const slots = new Map();
+    for (const { at, needs } of this.late) {
+      const slot = Math.floor(at / SLOT_S);
+      slots.set(slot, Math.max(needs, slots.get(slot) ?? needs));
+    }
+    const latest = [...slots.values()].sort((a, b) => b - a);
+    return latest[LEFT_OUT.filter((enough) => latest.length >= enough).length];
+  }
+  /** Takes a picture that is not decoded.  One after the other: two may be ready in another order.
+   * @param {Picture} picture */
+  async receive(picture) {
+    this.coded.push(picture);
+    if (this.coded.length > MAX_CODED) {
+      this.leftOut += this.coded.splice(0, this.coded.length - KEPT_CODED).length;
+      this.slowAt = now();
+    }
+    if (this.isDecoding) return;
+    this.isDecoding = true;
+    for (let next = this.coded.shift(); next; next = this.coded.shift()) {
+      try {
+        next.bitmap = await createImageBitmap(new Blob([next.jpeg], { type: "image/jpeg" }));
+        this.add(next);
+      } catch {
+        /* It is no picture. */
+      }
+    }
+    this.isDecoding = false;
+  }
+  get isSlow() {
+    return now() - this.slowAt < SLOW_S;
+  }
+  /** @param {Picture} picture */
+  add(picture) {
+    this.arrived(picture.time, MARGIN_S);
+    this.queue.push(picture);
+    if (this.queue.length > MAX_QUEUED) this.drop(this.queue.length - MAX_QUEUED);
+  }
+  tick() {
+    const at = now();
+    let due = 0;
+    while (
+      due < this.queue.length &&
+      this.queue[due].time + (this.offset ?? 0) <= at + HALF_FRAME_S
+    )
+      due++;
+    if (!due) return;
+    this.drop(due - 1);
+    const picture = this.queue.shift(),
+      bitmap = picture?.bitmap;
+    if (!picture || !bitmap) return;
+    const { width, height } = bitmap;
+    if (this.canvas.width !== width || this.canvas.height !== height) {
+      this.canvas.width = width;
+      this.canvas.height = height;
+    }
+    this.context.drawImage(bitmap, 0, 0);
+    bitmap.close();
+    this.shown++;
+    this.index = picture.index;
+    this.frozen = picture.frozen;
+    this.wait = Date.now() - picture.made;
+    this.log.push([
+      picture.index,
+      performance.timeOrigin + performance.now(),
+      picture.made,
+      picture.waited,
+      picture.came,
+    ]);
+    if (this.log.length > 4000) this.log.shift();
+  }
+}
+const players = { [OTHER]: new Player(el("other")), [SELF]: new Player(el("self")) };

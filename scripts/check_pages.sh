@@ -1,0 +1,12 @@
+#!/bin/sh
+# Types and style of the pages' scripts.  A page's scripts share their globals; no two pages do.
+set -eu
+bin=node_modules/.bin
+"$bin/biome" check --error-on-warnings .
+for scripts in \
+    "risorius/call_page/player.js risorius/call_page/voice.js risorius/call_page/tape.js risorius/call_page/devices.js risorius/call_page/call.js" \
+    risorius/view/view.js risorius/view/annotation.js; do
+    # shellcheck disable=SC2086  # one word for each script
+    "$bin/tsc" --noEmit --allowJs --checkJs --strict --noImplicitAny false --target es2022 \
+        --lib es2022,dom,dom.iterable --types "" $scripts
+done
