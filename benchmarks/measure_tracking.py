@@ -20,11 +20,11 @@ import numpy as np
 from benchmarks.command import run, warn
 from benchmarks.track_synthetic import CONFIGURATIONS, track_frame
 from encoder.capture.video_source import open_source
-from encoder.fitting.person_texture import PersonTexture
-from encoder.tracking.detection_measurement import LandmarkMeasurer
-from encoder.tracking.ekf import FaceFilter
-from encoder.tracking.klt import KltTracker
-from encoder.tracking.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
+from encoder.thesis.detection_measurement import LandmarkMeasurer
+from encoder.thesis.ekf import FaceFilter
+from encoder.thesis.klt import KltTracker
+from encoder.thesis.person_texture import PersonTexture
+from encoder.thesis.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
 from shared_model.arrays import Array
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head

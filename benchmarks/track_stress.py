@@ -16,7 +16,7 @@ from benchmarks.command import run, warn
 from benchmarks.track_synthetic import track_frame
 from encoder.appearance.photometric import NORMALISATIONS
 from encoder.capture.video_source import open_source
-from encoder.tracking.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
+from encoder.thesis.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
 from shared_model.arrays import Picture
 from shared_model.geometry import Camera, euler_deg, pixel_from_head
 from shared_model.mesh import generic_head

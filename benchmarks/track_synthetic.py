@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.command import run, warn
 from encoder.capture.video_source import open_source
-from encoder.tracking.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, open_tracker
+from encoder.thesis.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, open_tracker
 from loopback.report import write_report
 from loopback.report_page import chart, environment, page, plotly_graphs
 from risorius.animation.animate import AnimateOptions, animate

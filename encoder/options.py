@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from encoder.tracking.trackers import TrackingOptions
+from encoder.thesis.trackers import TrackingOptions
 from protocol.link.interface import CONNECT_TIMEOUT_S
 from protocol.security.link_security import LinkSecurity
 

@@ -20,7 +20,6 @@ from encoder.calls.packet_sender import PacketSender
 from encoder.calls.recorded_session import RecordedEncoder, send_call
 from encoder.calls.session_callbacks import Progress, SessionCallbacks
 from encoder.calls.session_stats import SessionStats
-from encoder.calls.thesis_session import ThesisEncoder
 from encoder.capture.live_capture import by_arrival
 from encoder.capture.spooled_pipe import spooled
 from encoder.capture.video_source import Capture, is_pipe, open_source
@@ -38,7 +37,8 @@ from encoder.packet_sink import open_packet_sink
 from encoder.report import EncodeReport, report_of
 from encoder.sound.open_voice import chosen_voice, open_voice
 from encoder.sound.voice_packer import VoicePacker
-from encoder.tracking.trackers import TRACKED_EAUS, open_tracker
+from encoder.thesis.thesis_session import ThesisEncoder
+from encoder.thesis.trackers import TRACKED_EAUS, open_tracker
 from protocol.link.interface import MessageCallback, PacketSink, ignore_message
 from runtime.parallel import one_blas_thread, short_switch_interval
 from shared_model.arrays import Array, Picture

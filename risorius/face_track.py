@@ -9,7 +9,7 @@ from typing import TextIO
 import numpy as np
 
 from encoder.capture.video_source import Capture, open_source
-from encoder.tracking.trackers import TrackingOptions, open_tracker
+from encoder.thesis.trackers import TrackingOptions, open_tracker
 from risorius.track_files import FORMATS
 from runtime.parallel import prefetch
 from shared_model.arrays import Array, Picture

@@ -4,7 +4,7 @@ import numpy as np
 
 from decoder.rendering.renderer import Renderer
 from encoder.fitting.fit_results import TextureFit
-from encoder.fitting.person_texture import PersonTexture
+from encoder.thesis.person_texture import PersonTexture
 from risorius.animation.synthetic_skin import painted_colours
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, euler_deg, pose_from_euler

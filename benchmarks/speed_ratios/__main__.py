@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.command import run
 from decoder.pipeline import DecodeOptions, decode
-from encoder.live_model.warm_up import compile_loops
+from encoder.compiled_loops import compile_loops
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from loopback.clip_paths import CARPHONE, clip_path

@@ -4,10 +4,10 @@ from encoder.calls.session_stats import SessionStats
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.iris import TRAINED_CROP_SCALE
 from encoder.detection.landmarks import FaceMesh, Landmarks, LandmarkTracker
+from encoder.detection.several_faces import warn_of_several_faces
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.person.followed_face import FollowedFace
 from encoder.person.scene_cuts import CutDetector
-from encoder.tracking.detection_measurement import warn_of_several_faces
 from shared_model.arrays import Picture
 from shared_model.errors import UserError
 

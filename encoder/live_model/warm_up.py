@@ -5,14 +5,12 @@ a live call may wait for that, and nobody's first call should.
 """
 
 from dataclasses import replace
-from tempfile import TemporaryDirectory
 
-import cv2
 import numpy as np
 
-from encoder.capture.video_source import VideoFormat, open_source
+from encoder.capture.video_source import VideoFormat
 from encoder.coding.background import BackgroundImage
-from encoder.coding.gop import GopStructure, gop_for_fps
+from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import BUDGETS
 from encoder.coding.rdo_quantiser import code_packet
 from encoder.detection.landmark_indices import LANDMARK_COUNT
@@ -25,24 +23,17 @@ from encoder.layers.scene import SceneLayer
 from encoder.layers.scene_motion import scene_basis, scene_origins
 from encoder.learning.incremental_modes import ModeLearner
 from encoder.live_model.model_trainer import ModelTrainer
-from encoder.picture_coding.image_budget import encode_background_within
-from encoder.tracking.outlier_rejection import robust_residuals
 from protocol.frames.temporal_prediction import FramePredictor
-from protocol.pictures.foreground_mask import decode_mask
-from protocol.pictures.picture_codec import decode_picture
 from runtime.robust_mean import robust_mean
 from shared_model.arrays import Array
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera, pose_from_euler
 from shared_model.mesh import Head
-from shared_model.surround import head_with_surround
 
 # Distance of the face, and the size of its model.
 DISTANCE_MM = 600.0
 BYTES, MODES, FRAMES = 1500, 2, 4
 # Of the frame packet, 0 (finest) to 31.
 QUALITY = 10
-# Height and width of the picture that loops are compiled with.
-COMPILE_SIZE = (240, 320)
 # Grey levels of the noise: more of it takes longer to encode.
 GREY = (120, 137)
 
@@ -87,26 +78,6 @@ def _load_loops_of_layers() -> None:
     corners, shares = np.zeros((4, 2), np.intp), np.zeros((4, 2))
     add_pixels(squares, products, corners, shares, pairs, pairs, np.zeros(2, np.float32))
     add_fields(np.zeros((1, 2, 4, 1, 2, 4)), np.ones(1), squares, 2)
-
-
-def compile_loops() -> None:
-    """Compile the loops of all profiles, or load them where that has been done."""
-    rng = np.random.default_rng(0)
-    with TemporaryDirectory() as folder:
-        # Lossless: the noise of each pixel stays.
-        noise = rng.integers(*GREY, (*COMPILE_SIZE, 3), np.uint8)
-        cv2.imwrite(f"{folder}/0.png", noise)
-        with open_source(f"{folder}/%d.png") as capture:
-            gop = gop_for_fps(capture.fps, None)
-            warm_up(head_with_surround(), capture.format, gop, rng)
-    # Of the decoder.
-    decode_picture("noise", encode_background_within(noise, BYTES))
-    decode_mask(b"")
-    # Of the thesis profile's filter; the other loops are those of the default one.
-    points, state = 4, 7
-    jacobian = np.zeros((2 * points, 2 * state))[:, :state]
-    pixels, visible = np.zeros(2 * points), np.ones(points, bool)
-    robust_residuals(np.eye(state), np.zeros(state), jacobian, pixels, pixels + 1, visible)
 
 
 def frontal_landmarks(head: Head, camera: Camera) -> Array:

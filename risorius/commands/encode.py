@@ -126,7 +126,7 @@ def _encode(options: "EncodeOptions", stop: StopOnSignal, quiet: bool) -> "Encod
 
 def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink) -> "EncodeOptions":
     from encoder.options import EncodeOptions
-    from encoder.tracking.trackers import TrackingOptions
+    from encoder.thesis.trackers import TrackingOptions
 
     over_link = arguments.output is None
     return EncodeOptions(

@@ -60,7 +60,7 @@ def run_compile(arguments: argparse.Namespace) -> int:
     say("compile: the encoder's inner loops, up to half a minute on a machine that never ran them")
     begin = time.monotonic()
     with StopOnSignal():
-        from encoder.live_model.warm_up import compile_loops
+        from encoder.compiled_loops import compile_loops
 
         compile_loops()
     say(f"compile: done in {time.monotonic() - begin:.0f} s")

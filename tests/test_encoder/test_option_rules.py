@@ -9,7 +9,7 @@ from conftest import without_layers
 from processes import error_line
 
 from encoder.appearance.photometric import NORMALISATIONS
-from encoder.tracking.trackers import DETECTORS, FITTERS, TRACKERS
+from encoder.thesis.trackers import DETECTORS, FITTERS, TRACKERS
 from protocol.summary import summarise
 from risorius.cli import build_parser, main
 from risorius.command_line.option_rules import profile_of

@@ -50,7 +50,7 @@ IMPORTERS = {
         "encoder/sound/sound_file.py",
         "encoder/sound/speech_encoder.py",
     },
-    "filterpy": {"encoder/tracking/ekf.py"},
+    "filterpy": {"encoder/thesis/ekf.py"},
     "numba": {"runtime/jit.py"},
     "moderngl": {
         "decoder/rendering/background_pass.py",
@@ -76,13 +76,13 @@ ENCODER_PACKAGES = (
     "person",
     "appearance",
     "fitting",
-    "tracking",
     "learning",
     "layers",
     "coding",
     "live_model",
     "sound",
     "calls",
+    "thesis",
 )
 # Those of the protocol in the order of what they carry; each may import those before it.
 PROTOCOL_PACKAGES = (

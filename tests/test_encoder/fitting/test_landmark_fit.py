@@ -17,7 +17,7 @@ from encoder.fitting.landmark_fit import (
     projection_jacobian,
     rotated_points,
 )
-from encoder.tracking.detection_measurement import animated_points
+from encoder.thesis.detection_measurement import animated_points
 from shared_model.animate import Face, Identity
 from shared_model.arrays import Array
 from shared_model.geometry import (

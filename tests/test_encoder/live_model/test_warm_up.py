@@ -33,7 +33,7 @@ encode(options, lambda done, total: None, lambda: False)
 (before,) = warmed_up
 """
 COMPILED = """
-from encoder.live_model.warm_up import compile_loops
+from encoder.compiled_loops import compile_loops
 compile_loops()
 before = versions()
 for profile in ("thesis", "default"):

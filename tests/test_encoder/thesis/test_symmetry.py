@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from studio import CAMERA, FACE, HEAD, JAW, PLACE, REST, Studio, angle_error_deg, fitted
 
-from encoder.fitting.person_texture import DEFAULT_OPTIONS, FitOptions, PersonTexture
-from encoder.fitting.symmetry import MIRROR_DEG, SymmetricTexelFitter, mirror_index
+from encoder.thesis.person_texture import DEFAULT_OPTIONS, FitOptions, PersonTexture
+from encoder.thesis.symmetry import MIRROR_DEG, SymmetricTexelFitter, mirror_index
 from shared_model.appearance import atlas_of
 from shared_model.geometry import pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from encoder.capture.colour import luma_u8
-from encoder.tracking.vertex_visibility import VertexVisibility
+from encoder.thesis.vertex_visibility import VertexVisibility
 from shared_model.animate import Face
 from shared_model.arrays import Array, Mask, Picture, Single, VertexIndices
 from shared_model.geometry import Camera, pixel_from_head

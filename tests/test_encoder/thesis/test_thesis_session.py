@@ -10,7 +10,7 @@ from packets import MODEL
 from decoder.playout.playout import Playout, PlayoutFrame
 from encoder.calls.packet_sender import LEAD_PACKETS, PacketSender
 from encoder.calls.session_stats import SessionStats
-from encoder.calls.thesis_session import FixedRateSender
+from encoder.thesis.thesis_session import FixedRateSender
 from protocol.call_file import CallReader, CallWriter
 from protocol.link.delivery.model_cache import ModelCache
 from protocol.model_packet import ModelPacket

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from encoder.tracking.ekf import Estimate, FaceFilter, ProcessNoise
-from encoder.tracking.measurement_model import Projection, lowe, perspective
+from encoder.thesis.ekf import Estimate, FaceFilter, ProcessNoise
+from encoder.thesis.measurement_model import Projection, lowe, perspective
 from shared_model.geometry import (
     Camera,
     euler_deg,

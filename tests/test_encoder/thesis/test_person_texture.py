@@ -8,8 +8,8 @@ from studio import BROW, CAMERA, FACE, HEAD, JAW, PLACE, REST, Studio, angle_err
 
 from encoder.appearance.photometric import retinex
 from encoder.fitting.analysis_by_synthesis import RESIDUAL_SIGMA_GREY
-from encoder.fitting.person_texture import UPDATE_INTERVAL, FitOptions, PersonTexture
-from encoder.tracking.coarse_to_fine import MIN_IMPROVEMENT, opposite_start
+from encoder.thesis.coarse_to_fine import MIN_IMPROVEMENT, opposite_start
+from encoder.thesis.person_texture import UPDATE_INTERVAL, FitOptions, PersonTexture
 from shared_model.geometry import pose_from_euler
 from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
 

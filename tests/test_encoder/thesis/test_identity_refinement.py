@@ -9,12 +9,11 @@ from numpy.random import default_rng
 
 from decoder.rendering.renderer import Renderer
 from encoder.capture.colour import luma_u8
-from encoder.fitting.bundle_adjustment import PhotometricBundleAdjustment
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import AAU_SIGMA
 from encoder.fitting.increments import shared_parameter_count
-from encoder.fitting.person_texture import PersonTexture
-from encoder.tracking.identity_refinement import (
+from encoder.thesis.bundle_adjustment import PhotometricBundleAdjustment
+from encoder.thesis.identity_refinement import (
     LATENCY_S,
     MAX_KEYFRAMES,
     SCHEDULE_S,
@@ -24,6 +23,7 @@ from encoder.tracking.identity_refinement import (
     pose_descriptor,
     validated_adjustment,
 )
+from encoder.thesis.person_texture import PersonTexture
 from shared_model.animate import Face, identity_from_controls
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.mesh import generic_head

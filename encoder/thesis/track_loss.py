@@ -1,7 +1,7 @@
 """Detection of tracking failure, and implausible poses (thesis 5.2)."""
 
 from encoder.fitting.fit_results import IdentityFit, TextureFit
-from encoder.tracking.klt import Tracks
+from encoder.thesis.klt import Tracks
 from shared_model.parameters import FaceParameters
 
 # Correlation with the person's texture below which tracking has failed.

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from encoder.tracking.klt import KltTracker
-from encoder.tracking.vertex_visibility import VertexVisibility
+from encoder.thesis.klt import KltTracker
+from encoder.thesis.vertex_visibility import VertexVisibility
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
 from shared_model.mesh import generic_head

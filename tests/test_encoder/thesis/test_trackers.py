@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from encoder.detection.tflite import NetworkFilesMissing
-from encoder.tracking import trackers
-from encoder.tracking.model_tracker import ModelTracker
-from encoder.tracking.trackers import (
+from encoder.thesis import trackers
+from encoder.thesis.model_tracker import ModelTracker
+from encoder.thesis.trackers import (
     TRACKED_EAUS,
     FaceTracker,
     HaarPoseTracker,

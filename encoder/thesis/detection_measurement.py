@@ -9,6 +9,7 @@ import numpy as np
 from encoder.detection.landmark_indices import LANDMARK_COUNT, OUTER_EYE_CORNERS
 from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.roi import RotatedRoi, roi_from_landmarks
+from encoder.detection.several_faces import warn_of_several_faces
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity, generic_identity
@@ -19,7 +20,7 @@ from encoder.fitting.landmark_fit import (
     landmark_model,
     personalise,
 )
-from encoder.fitting.pose_initialisation import pose_from_three_points
+from encoder.thesis.pose_initialisation import pose_from_three_points
 from shared_model.arrays import Array, Picture
 from shared_model.geometry import pixel_from_head
 from shared_model.mesh import Head
@@ -180,9 +181,3 @@ def animated_points(model: LandmarkModel, eau: Array) -> Array:
     return np.asarray(
         model.neutral + np.tensordot(up, model.eau_up, 1) + np.tensordot(down, model.eau_down, 1)
     )
-
-
-def warn_of_several_faces(count: int, warn: Warn) -> None:
-    """Warn if several faces are in the picture."""
-    if count > 1:
-        warn(f"{count} faces in the picture: taking the largest")

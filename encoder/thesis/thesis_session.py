@@ -20,7 +20,7 @@ from encoder.coding.model_packet import (
     geometry_packet,
 )
 from encoder.fitting.fit_results import IdentityFit
-from encoder.tracking.trackers import FaceTracker
+from encoder.thesis.trackers import FaceTracker
 from protocol.frames.scalar_quantiser import THESIS_RATE_HZ, encode_thesis
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket

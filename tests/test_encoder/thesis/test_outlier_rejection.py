@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from encoder.tracking.outlier_rejection import IRLS_ROUNDS, MEDIAN_RMS, robust_residuals
+from encoder.thesis.outlier_rejection import IRLS_ROUNDS, MEDIAN_RMS, robust_residuals
 
 RANDOM = np.random.default_rng(3)
 POINTS, STATE, MOVED = 30, 9, 4

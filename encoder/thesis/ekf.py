@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from encoder.tracking.measurement_model import Projection, perspective
-from encoder.tracking.outlier_rejection import robust_residuals
+from encoder.thesis.measurement_model import Projection, perspective
+from encoder.thesis.outlier_rejection import robust_residuals
 from shared_model.arrays import Array, Mask
 from shared_model.geometry import (
     Camera,

@@ -7,9 +7,9 @@ import numpy as np
 
 from encoder.fitting.analysis_by_synthesis import MIN_RESIDUAL_SIGMA_GREY, RESIDUAL_SIGMA_GREY
 from encoder.fitting.fit_results import TextureFit
-from encoder.tracking.detection_measurement import FrameMeasurement
-from encoder.tracking.ekf import Estimate, FaceFilter, InitialUncertainty, ProcessNoise
-from encoder.tracking.klt import Tracks, eye_distance_px
+from encoder.thesis.detection_measurement import FrameMeasurement
+from encoder.thesis.ekf import Estimate, FaceFilter, InitialUncertainty, ProcessNoise
+from encoder.thesis.klt import Tracks, eye_distance_px
 from shared_model.animate import Face
 from shared_model.arrays import Array, VertexIndices
 from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_head

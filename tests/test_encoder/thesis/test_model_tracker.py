@@ -10,11 +10,11 @@ import pytest
 from decoder.rendering.renderer import Renderer
 from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.fitting.fit_results import IdentityFit
-from encoder.fitting.person_texture import DEFAULT_OPTIONS, FitOptions
-from encoder.fitting.prediction_matrix import PredictionMatrixFitter
-from encoder.tracking.detection_measurement import FrameMeasurement
-from encoder.tracking.klt import eye_distance_px
-from encoder.tracking.model_tracker import LOST_AFTER_FRAMES, TRACKER_PARTS, ModelTracker
+from encoder.thesis.detection_measurement import FrameMeasurement
+from encoder.thesis.klt import eye_distance_px
+from encoder.thesis.model_tracker import LOST_AFTER_FRAMES, TRACKER_PARTS, ModelTracker
+from encoder.thesis.person_texture import DEFAULT_OPTIONS, FitOptions
+from encoder.thesis.prediction_matrix import PredictionMatrixFitter
 from risorius.animation.synthetic_skin import painted_colours
 from shared_model.animate import Face, identity_from_controls
 from shared_model.geometry import Camera, euler_deg, pixel_from_head, pose_from_euler
@@ -277,7 +277,7 @@ def test_the_identity_of_a_small_face_is_not_refined(
     film: list[Picture], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     smaller = eye_distance_px(CAMERA, UncertainMeasurer().face.pose) + 1
-    monkeypatch.setattr("encoder.tracking.model_tracker.MIN_EYE_DISTANCE_PX", smaller)
+    monkeypatch.setattr("encoder.thesis.model_tracker.MIN_EYE_DISTANCE_PX", smaller)
     measurer = UncertainMeasurer()
     tracker = ModelTracker(HEAD, ACTIVE, 4 * STEP_S, measurer, refine_identity=True)
     for number, frame in enumerate(film):

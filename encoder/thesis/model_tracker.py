@@ -10,20 +10,20 @@ import numpy as np
 
 from encoder.capture.colour import luma_u8
 from encoder.fitting.fit_results import IdentityFit, TextureFit
-from encoder.fitting.person_texture import (
+from encoder.thesis.coarse_to_fine import fit_coarse_to_fine, initial_faces
+from encoder.thesis.detection_measurement import FrameMeasurement, FrameMeasurer
+from encoder.thesis.identity_refinement import MIN_EYE_DISTANCE_PX, IdentityRefiner
+from encoder.thesis.klt import KltTracker, Tracks, eye_distance_px
+from encoder.thesis.measurement_fusion import MeasurementFusion
+from encoder.thesis.person_texture import (
     DEFAULT_OPTIONS,
     GOOD_CORRELATION,
     MAX_ATLAS_SIZES,
     FitOptions,
     PersonTexture,
 )
-from encoder.fitting.pose_initialisation import pose_from_points
-from encoder.tracking.coarse_to_fine import fit_coarse_to_fine, initial_faces
-from encoder.tracking.detection_measurement import FrameMeasurement, FrameMeasurer
-from encoder.tracking.identity_refinement import MIN_EYE_DISTANCE_PX, IdentityRefiner
-from encoder.tracking.klt import KltTracker, Tracks, eye_distance_px
-from encoder.tracking.measurement_fusion import MeasurementFusion
-from encoder.tracking.track_loss import (
+from encoder.thesis.pose_initialisation import pose_from_points
+from encoder.thesis.track_loss import (
     MIN_CORRELATION,
     MIN_CORRELATION_RECOVERED,
     is_plausible,

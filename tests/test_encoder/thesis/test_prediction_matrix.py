@@ -12,7 +12,7 @@ from encoder.appearance.template import Template
 from encoder.capture.colour import luma_f32
 from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.fitting.increments import apply_increment
-from encoder.fitting.prediction_matrix import PredictionMatrixFitter
+from encoder.thesis.prediction_matrix import PredictionMatrixFitter
 from runtime.image_ops import sample_bicubic
 from shared_model.appearance import atlas_of
 from shared_model.geometry import (

@@ -7,8 +7,8 @@ import numpy as np
 
 from encoder.fitting.analysis_by_synthesis import Observation
 from encoder.fitting.fit_results import TextureFit
-from encoder.fitting.person_texture import GOOD_CORRELATION, PersonTexture
-from encoder.tracking.detection_measurement import FrameMeasurement
+from encoder.thesis.detection_measurement import FrameMeasurement
+from encoder.thesis.person_texture import GOOD_CORRELATION, PersonTexture
 from shared_model.arrays import Picture
 from shared_model.parameters import EAU_INDEX, FaceParameters
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from encoder.fitting.analysis_by_synthesis import Observation
-from encoder.fitting.bundle_adjustment import PhotometricBundleAdjustment
 from encoder.fitting.fit_results import IdentityFit
-from encoder.fitting.person_texture import PersonTexture
+from encoder.thesis.bundle_adjustment import PhotometricBundleAdjustment
+from encoder.thesis.person_texture import PersonTexture
 from runtime.parallel import low_priority_executor
 from shared_model import geometry
 from shared_model.arrays import Array, Picture

@@ -7,23 +7,23 @@ from typing import Protocol
 from encoder.appearance.photometric import NORMALISATIONS
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.landmarks import LandmarkTracker
+from encoder.detection.several_faces import warn_of_several_faces
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity, generic_identity
 from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, landmark_model, personalise
-from encoder.fitting.person_texture import FitOptions
-from encoder.fitting.pose_initialisation import pose_from_three_points
-from encoder.fitting.prediction_matrix import PredictionMatrixFitter
-from encoder.fitting.symmetry import SymmetricTexelFitter
-from encoder.tracking.detection_measurement import (
+from encoder.thesis.detection_measurement import (
     FrameMeasurer,
     HaarMeasurer,
     LandmarkMeasurer,
-    warn_of_several_faces,
 )
-from encoder.tracking.model_tracker import TRACKER_PARTS, ModelTracker
+from encoder.thesis.model_tracker import TRACKER_PARTS, ModelTracker
+from encoder.thesis.person_texture import FitOptions
+from encoder.thesis.pose_initialisation import pose_from_three_points
+from encoder.thesis.prediction_matrix import PredictionMatrixFitter
+from encoder.thesis.symmetry import SymmetricTexelFitter
 from protocol.frames.scalar_quantiser import sent_eaus
 from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError

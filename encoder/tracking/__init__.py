@@ -1,1 +1,0 @@
-"""The face tracked from frame to frame."""
