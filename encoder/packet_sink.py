@@ -6,6 +6,7 @@ from typing import BinaryIO
 
 from encoder.options import EncodeOptions
 from protocol.call_file import CallStreamWriter, CallWriter
+from protocol.link.carriers import open_link_sink
 from protocol.link.interface import (
     LinkOptions,
     LinkQuality,
@@ -34,9 +35,6 @@ def _open_packet_sink(
         return stack.enter_context(CallWriter(options.output))
     if options.output is not None:
         return stack.enter_context(CallStreamWriter(options.output))
-    # Only now: a host that writes call files needs no network library.
-    from protocol.link.zenoh_link import ZenohSink
-
     link = LinkOptions(
         options.call,
         options.listen,
@@ -45,7 +43,7 @@ def _open_packet_sink(
         options.lossless,
         security=options.security,
     )
-    sink = stack.enter_context(ZenohSink(link, on_message))
+    sink = stack.enter_context(open_link_sink(link, on_message))
     if options.wait_for_peer_s:
         sink.wait_for_peer(options.wait_for_peer_s)
     return sink

@@ -1,4 +1,5 @@
-"""Where an end listens or connects to, as a user names it: [SCHEME/][HOST][:PORT].
+"""Where an end listens or connects to, as a user names it: [SCHEME/][HOST][:PORT], or
+serial/DEVICE[?baud=RATE] for a serial line.
 
 Without a scheme an end listens for, or tries, all of `DEFAULT_SCHEMES` on one port number.
 """
@@ -16,6 +17,8 @@ from shared_model.errors import UserError
 SCHEMES = ("tcp", "udp", "tls", "quic", "ws")
 # Both ends show a certificate.
 CERTIFIED_SCHEMES = ("tls", "quic")
+# A line between two devices, instead of a network.
+SERIAL, DEFAULT_BAUD = "serial", 115200
 # Tried in this order.
 DEFAULT_SCHEMES = ("udp", "tcp")
 ANY_HOST = "0.0.0.0"
@@ -28,13 +31,15 @@ _ENDPOINT = re.compile(
     rf"((?P<scheme>{'|'.join(SCHEMES)})/)?(?P<host>\[[0-9A-Fa-f:.]+\]|[^\s:/?#@\[\]]*)"
     r"(:(?P<port>\d{1,5}))?(?P<options>(\?[^\s#]*)?(#\S*)?)"
 )
+_SERIAL = re.compile(rf"{SERIAL}/(?P<device>[^\s?]+)(?P<options>\?baud=[1-9]\d{{0,7}})?")
 
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
     """One endpoint.
 
-    scheme: None: any of `DEFAULT_SCHEMES`.  host: an IPv6 address without brackets.
+    scheme: None: any of `DEFAULT_SCHEMES`.  host: an IPv6 address without brackets; of a serial
+        line its device.
     options: as Zenoh has them, with ? or # in front; empty: none.
     """
 
@@ -45,7 +50,9 @@ class Endpoint:
 
     @property
     def address(self) -> str:
-        """HOST:PORT."""
+        """HOST:PORT, or a device."""
+        if self.is_serial:
+            return self.host
         return f"{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
 
     @property
@@ -62,7 +69,17 @@ class Endpoint:
     @property
     def is_reliable(self) -> bool:
         """Whether nothing is lost on the way and the set-up repeats itself."""
-        return self.scheme != "udp" or "rel=1" in self.options
+        return self.scheme not in ("udp", SERIAL) or "rel=1" in self.options
+
+    @property
+    def is_serial(self) -> bool:
+        """Whether it is a serial line."""
+        return self.scheme == SERIAL
+
+    @property
+    def baud(self) -> int:
+        """Of a serial line, bits per second."""
+        return int(self.options.partition("=")[2] or DEFAULT_BAUD)
 
     @property
     def is_quic(self) -> bool:
@@ -71,8 +88,8 @@ class Endpoint:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this host can reach it."""
-        if self.host == "localhost":
+        """Whether only this host can reach it, or who is at the other end of a serial line."""
+        if self.is_serial or self.host == "localhost":
             return True
         try:
             return ip_address(self.host).is_loopback
@@ -94,11 +111,13 @@ def parse_endpoint(text: str) -> Endpoint:
 
     Raises `UserError` if it is none.
     """
+    if serial := _SERIAL.fullmatch(text):
+        return Endpoint(SERIAL, serial["device"], 0, serial["options"] or "")
     parts = _ENDPOINT.fullmatch(text)
     if parts is None or not text:
         raise UserError(
             f"endpoint {text[:MAX_MESSAGE_LENGTH]!r}: expected HOST:{DEFAULT_PORT},"
-            f" or with a scheme as in tcp/HOST:{DEFAULT_PORT}"
+            f" with a scheme as in tcp/HOST:{DEFAULT_PORT}, or serial/DEVICE"
         )
     port = int(parts["port"] or DEFAULT_PORT)
     if port > MAX_PORT:
@@ -109,6 +128,8 @@ def parse_endpoint(text: str) -> Endpoint:
 def parse_remote_endpoint(text: str) -> Endpoint:
     """The endpoint to connect to.  Raises `UserError` if nobody can be there."""
     endpoint = parse_endpoint(text)
+    if endpoint.is_serial:
+        return endpoint
     if not endpoint.port:
         raise UserError(f"endpoint {text!r}: nobody listens on port 0")
     if endpoint.is_any:

@@ -87,6 +87,7 @@ EXTRA_OF = {
     "filterpy": "encoder",
     "moderngl": "decoder",
     "segno": "call",
+    "serial": "serial",
     "shtab": "completion",
     "threadpoolctl": "encoder",
 }

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from protocol.call_file import CallReader
+from protocol.link.carriers import open_link_source
 from protocol.link.interface import CONNECT_TIMEOUT_S, LinkOptions, MessageCallback, PacketSource
 from protocol.security.link_security import LinkSecurity
 
@@ -36,8 +37,6 @@ def open_packet_source(options: CallSource, on_message: MessageCallback) -> Pack
     """
     if options.call_file is not None:
         return CallReader(options.call_file)
-    from protocol.link.zenoh_link import ZenohSource
-
     link = LinkOptions(
         options.call,
         options.listen,
@@ -45,7 +44,7 @@ def open_packet_source(options: CallSource, on_message: MessageCallback) -> Pack
         options.connect_timeout_s,
         security=options.security,
     )
-    return ZenohSource(link, on_message)
+    return open_link_source(link, on_message)
 
 
 def call_name(options: CallSource) -> str:

@@ -73,7 +73,7 @@ class ZenohSink(LinkSink):
         protection: PacketProtection | None = None,
     ) -> None:
         guard = protection or link_protection(options, True, say)
-        super().__init__(options, guard, partial(_Carrier, options, Role.ENCODER, say), say)
+        super().__init__(options, guard, partial(ZenohCarrier, options, Role.ENCODER, say), say)
 
 
 class ZenohSource(LinkSource):
@@ -87,11 +87,11 @@ class ZenohSource(LinkSource):
         leave_grace_s: float = LEAVE_GRACE_S,
     ) -> None:
         guard = protection or link_protection(options, False, say)
-        make_carrier = partial(_Carrier, options, Role.DECODER, say)
+        make_carrier = partial(ZenohCarrier, options, Role.DECODER, say)
         super().__init__(options, guard, make_carrier, say, leave_grace_s)
 
 
-class _Carrier:
+class ZenohCarrier:
     """The sessions of one end: a `Carrier`.  Callbacks run in Zenoh's receiving threads.
 
     Raises `UserError` if the end cannot listen.

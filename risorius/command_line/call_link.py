@@ -64,8 +64,14 @@ NO_LINK = CallLink((), (), DEFAULT_CALL, LinkSecurity())
 def add_link(parser: argparse.ArgumentParser, where: argparse._MutuallyExclusiveGroup) -> None:
     """The options of `link_request`; endpoints go into the group `where`."""
     for option, what in (
-        ("--connect", "where the other end or a relay listens: HOST, HOST:7447, tls/HOST:7447"),
-        ("--listen", "where this end listens: :7447 on all addresses, HOST:7447, udp/HOST:7447"),
+        (
+            "--connect",
+            "where the other end or a relay listens: HOST, HOST:7447, tls/HOST, serial/DEVICE",
+        ),
+        (
+            "--listen",
+            "where this end listens: :7447 on all addresses, HOST:7447, serial/DEVICE",
+        ),
     ):
         where.add_argument(option, action="append", metavar="ENDPOINT", help=what)
     link = parser.add_argument_group("over a network")
@@ -188,7 +194,7 @@ def _needs_key(request: LinkRequest, places: Sequence[Endpoint]) -> bool:
 
 
 def _why_open(request: LinkRequest) -> str:
-    return "--insecure" if request.insecure else "it stays on this host"
+    return "--insecure" if request.insecure else "it stays on this host, or on a serial line"
 
 
 def _check_open(request: LinkRequest, connect: tuple[str, ...]) -> None:
@@ -252,7 +258,7 @@ def _new_invitation(request: LinkRequest, listen: Sequence[Endpoint], tell: Say)
 
     # On a loopback address one is made if a file is named for it.
     place = next((place for place in listen if not place.is_loopback), listen[0])
-    if not place.port:
+    if not place.port and not place.is_serial:
         raise UserError("name a port to listen on: the invitation has to tell it")
     host = address_for_others() if place.is_any else place.host
     if host is None:

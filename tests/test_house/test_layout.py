@@ -59,6 +59,7 @@ IMPORTERS = {
         "decoder/rendering/renderer.py",
     },
     "pycodec2": {"decoder/sound/speech_decoder.py", "encoder/sound/speech_encoder.py"},
+    "serial": {"protocol/link/serial_carrier.py"},
     "webrtcvad": {"encoder/sound/speech_gate.py"},
     "zenoh": {
         "protocol/link/zenoh_direction.py",

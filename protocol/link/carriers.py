@@ -1,0 +1,42 @@
+"""Chooses what carries a call: Zenoh, or a serial line."""
+
+from functools import partial
+
+from protocol.endpoint import parse_endpoint
+from protocol.link.interface import LinkOptions, MessageCallback
+from protocol.link.link_end import CarrierFactory
+from protocol.link.link_protection import link_protection
+from protocol.link.link_sink import LinkSink
+from protocol.link.link_source import LinkSource
+from protocol.link.messages import Role
+from shared_model.errors import UserError
+
+
+def carrier_factory(options: LinkOptions, role: Role, say: MessageCallback) -> CarrierFactory:
+    """What makes the connections of an end.
+
+    Raises `UserError` if it would have to be two things at once.
+    """
+    places = [parse_endpoint(text) for text in (*options.listen, *options.connect)]
+    # Each is loaded where used: the other one needs no such library.
+    if not any(place.is_serial for place in places):
+        from protocol.link.zenoh_link import ZenohCarrier
+
+        return partial(ZenohCarrier, options, role, say)
+    if len(places) > 1:
+        raise UserError("a serial line goes alone: name no other endpoint")
+    from protocol.link.serial_carrier import SerialCarrier
+
+    return partial(SerialCarrier, places[0], bool(options.listen))
+
+
+def open_link_sink(options: LinkOptions, say: MessageCallback) -> LinkSink:
+    """The encoder's end of a call.  Raises `UserError`, see `LinkSink`."""
+    make = carrier_factory(options, Role.ENCODER, say)
+    return LinkSink(options, link_protection(options, True, say), make, say)
+
+
+def open_link_source(options: LinkOptions, say: MessageCallback) -> LinkSource:
+    """A decoder's end of a call.  Raises `UserError`, see `LinkSource`."""
+    make = carrier_factory(options, Role.DECODER, say)
+    return LinkSource(options, link_protection(options, False, say), make, say)

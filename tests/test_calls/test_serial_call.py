@@ -1,0 +1,22 @@
+"""A call between two processes over a serial line."""
+
+from pathlib import Path
+
+from conftest import Start
+from processes import finish
+from serial_lines import serial_line
+from videos import read_frames
+
+
+def test_a_call_over_a_serial_line_comes_whole(
+    talking_clip: Path, start: Start, tmp_path: Path
+) -> None:
+    video = tmp_path / "out.mkv"
+    with serial_line() as (here, there):
+        decoder = start("decode", "--listen", f"serial/{there}", "-o", video)
+        encoder = start("encode", talking_clip, "--connect", f"serial/{here}")
+        code, stderr = finish(encoder)
+        assert code == 0, stderr
+        assert "stays on this host, or on a serial line" in stderr
+        assert finish(decoder)[0] == 0
+    assert len(read_frames(video)) == len(read_frames(talking_clip))
