@@ -13,12 +13,12 @@ from risorius.command_line.parser import add_command
 from risorius.command_line.progress import say, warn
 from risorius.live_call.call_place import add_place, read_place
 from risorius.live_call.messages import BROWSER, CAMERA_SOUND
-from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
 if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
     from risorius.live_call.call_options import CallOptions
+    from shared_model.arrays import Picture
 
 NO_MICROPHONE = "off"
 

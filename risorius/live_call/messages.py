@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING
 
 from protocol.link.interface import CONNECT_TIMEOUT_S
 from protocol.security.link_security import LinkSecurity
-from shared_model.arrays import Picture
 
 if TYPE_CHECKING:
-    pass
+    from shared_model.arrays import Picture
 
 # What stands for the camera or the microphone of the page.
 BROWSER = "browser"
