@@ -18,6 +18,7 @@ are left out.  Prints a line of JSON for each pair of cards:
 import argparse
 import json
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -59,12 +60,16 @@ MICROPHONE = """({seconds, rate, pieceS, card, latencyS, lateS}) => {
   performance.now = realNow;
   return begins;
 }"""
+# Defines the code of the page's worklet, as text.
+WORKLET_CODE = "const WORKLET_CODE = " + json.dumps(
+    (files("risorius.call_page") / "voice_worklet.js").read_text("utf-8")
+)
 # [time in the source, by how much it was heard after its picture was shown] of each click, seconds.
 LOUDSPEAKER = """async options => {
   const {seconds, rate, cardRate, card, latencyS, lateS, packetS, fps, edgeS, clicks} = options;
   const kinds = {}, player = players[OTHER], begun = time, block = 128, found = [];
   class Processor { constructor() { this.port = {postMessage() {}}; } }
-  new Function("AudioWorkletProcessor", "registerProcessor", "sampleRate", WORKLET)(
+  new Function("AudioWorkletProcessor", "registerProcessor", "sampleRate", WORKLET_CODE)(
     Processor, (name, kind) => { kinds[name] = kind; }, cardRate);
   const worklet = new kinds.voice({processorOptions: {rate}}), output = new Float32Array(block);
   let blocks = 0;
@@ -140,6 +145,7 @@ def main(argv: Sequence[str]) -> None:
     ):
         browser.call("Page.navigate", url=page.address)
         browser.wait("typeof players != 'undefined'")
+        browser.value(WORKLET_CODE)
         for microphone in (-options.ppm, options.ppm):
             for loudspeaker in (-options.ppm, options.ppm):
                 late = voice_late(browser, 60 * options.minutes, microphone, loudspeaker)

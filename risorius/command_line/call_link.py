@@ -194,7 +194,11 @@ def _needs_key(request: LinkRequest, places: Sequence[Endpoint]) -> bool:
 
 
 def _why_open(request: LinkRequest) -> str:
-    return "--insecure" if request.insecure else "it stays on this host, or on a serial line"
+    if request.insecure:
+        return "--insecure"
+    places = map(parse_endpoint, (*request.listen, *request.connect))
+    where = "serial line" if any(place.is_serial for place in places) else "host"
+    return f"it stays on this {where}"
 
 
 def _check_open(request: LinkRequest, connect: tuple[str, ...]) -> None:

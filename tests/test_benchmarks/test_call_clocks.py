@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
-from benchmarks.call_delay.clocks import figures, voice_late
+from benchmarks.call_delay.clocks import WORKLET_CODE, figures, voice_late
 from loopback.browser import Browser
 from risorius.call_page.page_thread import PageThread
 
@@ -15,7 +15,7 @@ from risorius.call_page.page_thread import PageThread
 TONES = """[1000, 3000].map(pitch => {
   const kinds = {}, rate = 8000, cardRate = 44100;
   class Processor { constructor() { this.port = {postMessage() {}}; } }
-  new Function("AudioWorkletProcessor", "registerProcessor", "sampleRate", WORKLET)(
+  new Function("AudioWorkletProcessor", "registerProcessor", "sampleRate", WORKLET_CODE)(
     Processor, (name, kind) => { kinds[name] = kind; }, cardRate);
   const voice = new kinds.voice({processorOptions: {rate}}), output = new Float32Array(128);
   const tone = time => Math.sin(2 * Math.PI * pitch * time);
@@ -39,6 +39,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory, chromium: str) -> Iterator
     with PageThread(0) as page, Browser(chromium, folder, 400, 300) as opened:
         opened.call("Page.navigate", url=page.address)
         opened.wait("typeof players != 'undefined'")
+        opened.value(WORKLET_CODE)
         yield opened
 
 
