@@ -51,18 +51,25 @@ class LandmarkSearch:
 
 
 def open_landmark_search(
-    stats: SessionStats, refine_eyelids: bool = True, eye_crop_scale: float = TRAINED_CROP_SCALE
+    stats: SessionStats,
+    refine_eyelids: bool = True,
+    eye_crop_scale: float = TRAINED_CROP_SCALE,
+    by_parts: bool = False,
 ) -> LandmarkSearch:
     """A search with the installed networks.
 
-    refine_eyelids, eye_crop_scale: see `LandmarkTracker`.
+    refine_eyelids, eye_crop_scale, by_parts: see `LandmarkTracker`.
     Raises `UserError` if the networks are missing.
     """
     try:
         folder = find_network_folder()
         detector = BlazeFaceDetector(folder)
         tracker = LandmarkTracker(
-            folder, detector, refine_eyelids=refine_eyelids, eye_crop_scale=eye_crop_scale
+            folder,
+            detector,
+            refine_eyelids=refine_eyelids,
+            eye_crop_scale=eye_crop_scale,
+            searches_by_parts=by_parts,
         )
     except NetworkFilesMissing as error:
         raise UserError(f"{error}; without them use --profile thesis") from error

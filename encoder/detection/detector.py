@@ -39,6 +39,11 @@ class FaceDetector(Protocol):
     def detect_large(self, frame: Picture) -> list[Detection]:
         """Those that a quick look at the whole picture shows."""
 
+    def detect_part(self, frame: Picture) -> list[Detection]:
+        """Those in the whole picture, or in the part of it whose turn it is in a search that goes
+        on from frame to frame.
+        """
+
 
 def by_size(detections: list[Detection]) -> list[Detection]:
     """The detections, the largest first."""

@@ -78,6 +78,8 @@ class LandmarkTracker:
     min_score: score of landmarks below which the face is lost.
     refine_eyelids: take the eyelids from the iris network, see `IrisLandmarker.replace_eyelids`.
     eye_crop_scale: see `IrisLandmarker`.
+    searches_by_parts: a frame without a face takes little longer than another one; a small face may
+        be found some frames later.
     """
 
     def __init__(
@@ -87,7 +89,9 @@ class LandmarkTracker:
         min_score: float = 0.5,
         refine_eyelids: bool = True,
         eye_crop_scale: float = TRAINED_CROP_SCALE,
+        searches_by_parts: bool = False,
     ) -> None:
+        self._by_parts = searches_by_parts
         self._mesh = FaceMesh(folder)
         self._eyes = IrisLandmarker(folder, eye_crop_scale) if refine_eyelids else None
         self._detector = detector
@@ -145,7 +149,11 @@ class LandmarkTracker:
         return _TrackedFace(found, next_roi)
 
     def _redetect(self, frame: Picture) -> Landmarks | None:
-        """Search the whole frame, or take a quick look where the backoff says so."""
+        """Search the whole frame, or a part, or take a quick look where the backoff says so."""
+        if self._by_parts:
+            faces = self._detector.detect_part(frame)
+            self.face_count = len(faces)
+            return self._first_face(frame, faces)
         if self._backoff:
             self._backoff -= 1
             return self._first_face(frame, self._detector.detect_large(frame))

@@ -39,6 +39,10 @@ class HaarDetector:
         """See `FaceDetector`: there is no quicker look."""
         return self.detect(frame)
 
+    def detect_part(self, frame: Picture) -> list[Detection]:
+        """See `FaceDetector`: there are no parts."""
+        return self.detect(frame)
+
     def detect(self, frame: Picture) -> list[Detection]:
         """Faces in `frame` (h, w, 3) uint8 BGR, the largest first.
 

@@ -179,6 +179,22 @@ def test_a_missing_extra_is_named(library: str, extra: str, command: list[str], 
     assert f"pip install '.[{extra}]'" in one_line(result.stderr)
 
 
+def test_an_interrupt_while_the_command_line_loads_is_one_line() -> None:
+    code = (
+        "import sys\n"
+        "class Interrupting:\n"
+        "    def find_spec(self, name, *rest):\n"
+        "        if name == 'risorius.cli': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupting())\n"
+        "from risorius.__main__ import main\n"
+        "sys.exit(main())"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (result.returncode, result.stderr) == (130, "risorius: interrupted\n")
+
+
 def test_an_interrupt_that_machine_code_hides_is_one(
     monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:

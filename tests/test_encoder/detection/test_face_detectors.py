@@ -97,6 +97,19 @@ def test_small_face_off_centre_in_a_tall_picture_is_found(
     assert np.abs(found.keypoints[:2] - eyes).max() < 10, found.keypoints[:2]
 
 
+def test_a_small_face_is_found_within_some_frames_if_each_looks_at_a_part(networks: Path) -> None:
+    face = cv2.resize(first_frame("smile.mp4"), None, fx=0.12, fy=0.12)
+    frame = np.full((480, 640, 3), 110, np.uint8)
+    frame[-face.shape[0] - 40 : -40, 60 : 60 + face.shape[1]] = face
+    detector = BlazeFaceDetector(networks)
+    [expected] = detector.detect(frame)
+    looks = 0
+    while not (found := detector.detect_part(frame)):
+        looks += 1
+    assert 0 < looks <= 12
+    assert np.abs(found[0].box - expected.box).max() < 0.3 * expected.size_px
+
+
 def test_two_faces_are_both_found(detector: FaceDetector) -> None:
     frame = first_frame("smile.mp4")
     smaller = cv2.resize(frame, None, fx=0.7, fy=0.7)

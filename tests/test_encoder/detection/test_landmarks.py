@@ -169,6 +169,9 @@ class Nobody:
     def detect_large(self, frame: Picture) -> list[Detection]:
         return []
 
+    def detect_part(self, frame: Picture) -> list[Detection]:
+        return []
+
 
 def test_detection_backs_off_while_there_is_no_face(networks: Path) -> None:
     nobody = Nobody()
