@@ -1,5 +1,6 @@
 """What an encoder run reports."""
 
+import os
 from dataclasses import dataclass, field
 
 from encoder.calls.session_stats import SessionStats
@@ -37,6 +38,7 @@ class EncodeReport:
     omitted_frames: of these, how many were not looked at.
     worst_lag_ms: the largest lag of a live call behind its source, see `SessionStats.worst_lag_s`.
     skipped_frames: frames that the source left out because the encoder was late.
+    cpu_s: CPU time of this process and of those that it has started, from their beginning.
     events: what the call says of its face, by name, and the source frame.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
     reach: whom the last packet could reach.
@@ -64,6 +66,7 @@ class EncodeReport:
     omitted_frames: int = 0
     worst_lag_ms: float = 0.0
     skipped_frames: int = 0
+    cpu_s: float = 0.0
     events: tuple[tuple[str, int], ...] = ()
 
 
@@ -104,8 +107,14 @@ def report_of(
         omitted_frames=stats.omitted_frames,
         worst_lag_ms=1000 * stats.worst_lag_s,
         skipped_frames=stats.next_index - captured,
+        cpu_s=_cpu_s(),
         events=tuple((kind.name.lower(), frame) for kind, frame in stats.events),
     )
+
+
+def _cpu_s() -> float:
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 def _warn_of_unused_bits(options: EncodeOptions, stats: SessionStats, seconds: float) -> None:

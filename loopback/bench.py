@@ -12,7 +12,7 @@ from encoder.capture.video_source import is_pipe, open_source
 from loopback.judge.comparison import compare, observe_source
 from loopback.judge.observer import Observer, find_observer
 from loopback.judge.voice import VoiceQuality
-from loopback.process_pair import CallResult, busy_loops, run_call
+from loopback.process_pair import CallResult, busy_loops, pinned, run_call
 from loopback.quality.landmark_metrics import LandmarkMetrics
 from loopback.quality.region_quality import RegionQuality
 from loopback.quality.video_quality import Quality
@@ -49,7 +49,7 @@ CALL_FIGURES = (
     *("frames", "shown_frames", "fps", "width", "height", "duration_s"),
     *("model_bytes", "frame_bytes", "frame_bps", "lost_packets", "lost_frames"),
     *("latency_ms.p50", "latency_ms.p99", "encoder_fps", "decoder_fps"),
-    *("overloaded_frames", "omitted_frames", "worst_lag_ms", "skipped_frames"),
+    *("overloaded_frames", "omitted_frames", "worst_lag_ms", "skipped_frames", "encoder_cpu_s"),
 )
 # Of report.json: raised where a figure changes its name or meaning.
 SCHEMA = "risorius-bench/1"
@@ -71,7 +71,7 @@ AVERAGED_FIGURES = (
 class BenchSettings:
     """How clips are encoded; pace: at their own rate, as latency needs it.
 
-    busy: so many busy loops run beside.
+    busy: so many busy loops run beside.  cores: that all of it runs on, as in "0,1"; None: all.
     """
 
     profile: str = "default"
@@ -87,6 +87,7 @@ class BenchSettings:
     lids: bool = False
     refine: bool = True
     busy: int = 0
+    cores: str | None = None
 
     def encoder_options(self) -> list[str]:
         """The settings as options of the encoder's command line."""
@@ -159,7 +160,7 @@ def bench_clip(
         frames = min(capture.frame_count or 10_000, settings.max_frames or 10_000)
     make_folder(output.parent)
     limit_s = LIMIT_START_S + LIMIT_S_PER_FRAME * frames
-    with busy_loops(settings.busy):
+    with pinned(settings.cores), busy_loops(settings.busy):
         result = run_call(source, output, settings.encoder_options(), limit_s)
     view = observe_source(source, observer, settings.max_frames)
     compared = compare(view, str(output), observer, lambda done, total: None, say)
@@ -206,6 +207,7 @@ def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
         "omitted_frames": sent["omitted_frames"],
         "worst_lag_ms": rounded(sent["worst_lag_ms"], 1),
         "skipped_frames": sent["skipped_frames"],
+        "encoder_cpu_s": rounded(sent["cpu_s"], 1),
         "events": [
             {"event": name, "time_s": rounded(frame / sent["fps"], 3)}
             for name, frame in sent["events"]

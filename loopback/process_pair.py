@@ -1,6 +1,7 @@
 """An encoder and a decoder as two processes of this host that talk over Zenoh."""
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -51,6 +52,26 @@ def busy_loops(count: int) -> Iterator[None]:
         for each in loops:
             each.kill()
             each.wait()
+
+
+@contextmanager
+def pinned(cores: str | None) -> Iterator[None]:
+    """Let what the `with` block starts run on these cores alone, as in "0" or "0,2"; None: on all.
+
+    Raises `UserError` if this system cannot, or has no such core.
+    """
+    if cores is None:
+        yield
+        return
+    try:
+        before = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, {int(core) for core in cores.split(",")})
+    except (AttributeError, OSError, ValueError) as error:
+        raise UserError(f"cannot run on the cores {cores!r}: expected numbers as in 0,1") from error
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
 
 
 def run_call(

@@ -32,13 +32,16 @@ def frames_table(clip: Mapping[str, Any]) -> str:
 
     Those of an encoder are of a live call, once it has begun, with the number of those in which
     something was left out in haste, of those among them that were not looked at, the largest lag,
-    and the number of frames that the source left out.  Those of a decoder are all after the first
+    the number of frames that the source left out, and CPU seconds of all its processes.  Those of a decoder are all after the first
     picture.
     """
-    missed_names = ("in haste", "not looked at", "lag ms", "left out")
+    missed_names = ("in haste", "not looked at", "lag ms", "left out", "CPU s")
     header = (clip["source"], "median ms", "95 % ms", "worst ms", *missed_names)
     times = [[clip[f"{end}_frame_ms"].get(name) for name in FRAME_TIMES] for end in ENDS]
-    figures = ("overloaded_frames", "omitted_frames", "worst_lag_ms", "skipped_frames")
+    figures = (
+        *("overloaded_frames", "omitted_frames", "worst_lag_ms", "skipped_frames"),
+        "encoder_cpu_s",
+    )
     missed: list[list[Cell]] = [[clip[name] for name in figures], [None] * len(figures)]
     return table(
         header, [[f"{e}, one frame", *t, *m] for e, t, m in zip(ENDS, times, missed, strict=True)]

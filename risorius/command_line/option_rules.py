@@ -16,6 +16,7 @@ OPTIONS_NOT_FOR_SWEEP: Options = {
     "model_bytes": None,
     "pace": True,
     "busy": 0,
+    "cores": None,
 }
 
 

@@ -94,6 +94,11 @@ def _add_measuring(parser: argparse.ArgumentParser) -> None:
         help="run N busy loops of normal priority beside, as a computer that does other things",
     )
     parser.add_argument(
+        "--cores",
+        metavar="LIST",
+        help="run both ends, and what runs beside, on these cores alone: 0, or 0,1 (default: all)",
+    )
+    parser.add_argument(
         "--pace",
         action=argparse.BooleanOptionalAction,
         default=True,

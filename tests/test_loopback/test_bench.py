@@ -1,8 +1,11 @@
 """The figures of a bench: what they mean, and that two real processes yield them."""
 
 import json
+import os
 import re
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +26,7 @@ from loopback.bench import (
     output_names,
 )
 from loopback.judge.observer import EncoderNetworks
-from loopback.process_pair import free_port, run_call
+from loopback.process_pair import free_port, pinned, run_call
 from loopback.report import figure, flatten, rounded, table
 from loopback.timing_tables import timings_tables
 from risorius.cli import main
@@ -81,11 +84,12 @@ def test_timings_add_up_to_the_whole_of_each_end() -> None:
         "omitted_frames": 2,
         "worst_lag_ms": 80.0,
         "skipped_frames": 1,
+        "encoder_cpu_s": 4.5,
         "encoder_fps": 125.0,
         "decoder_fps": 250.0,
     }
     stages, frames = timings_tables([clip]).split("\n\n")
-    assert [line.split("  ")[-1].split() for line in frames.splitlines()[2:]] == [["1"], ["-"]]
+    assert [line.split("  ")[-1].split() for line in frames.splitlines()[2:]] == [["4.50"], ["-"]]
     assert "one frame  " in frames and "20.00" in frames and "80.00" in frames
     cells = [line.split() for line in stages.splitlines()[2:]]
     assert cells == [
@@ -103,6 +107,7 @@ def test_an_end_that_took_no_time_has_no_shares() -> None:
         **{"decoder_ms": {}, "decoder_cpu_ms": {}, "encoder_fps": None, "decoder_fps": None},
         **{"encoder_frame_ms": {}, "decoder_frame_ms": {}, "overloaded_frames": 0},
         **{"omitted_frames": 0, "worst_lag_ms": 0.0, "skipped_frames": 0},
+        "encoder_cpu_s": 1.0,
     }
     text = timings_tables([{"source": name, **idle} for name in ("a", "b")])
     first, _, second, _ = text.split("\n\n")
@@ -120,6 +125,18 @@ def test_a_call_that_takes_too_long_is_ended(carphone: Path, tmp_path: Path) -> 
     with pytest.raises(UserError, match="did not end in time") as caught:
         run_call(str(carphone), tmp_path / "out.mkv", [], limit_s=0.5)
     assert caught.value.exit_code == 4
+
+
+def test_a_call_may_be_held_to_some_cores() -> None:
+    core = min(os.sched_getaffinity(0))
+    with pinned(str(core)):
+        told = subprocess.check_output(
+            [sys.executable, "-c", "import os; print(os.sched_getaffinity(0))"], text=True
+        )
+    assert told.strip() == str({core}) and len(os.sched_getaffinity(0)) >= 1
+    for wrong in ("all", "9999"):
+        with pytest.raises(UserError, match="cannot run on the cores"), pinned(wrong):
+            pytest.fail("it ran")
 
 
 def test_free_ports_differ_from_call_to_call() -> None:
