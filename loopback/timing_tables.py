@@ -32,8 +32,8 @@ def frames_table(clip: Mapping[str, Any]) -> str:
 
     Those of an encoder are of a live call, once it has begun, with the number of those in which
     something was left out in haste, of those among them that were not looked at, the largest lag,
-    the number of frames that the source left out, and CPU seconds of all its processes.  Those of a decoder are all after the first
-    picture.
+    the number of frames that the source left out, and the CPU seconds of all its processes.  Those
+    of a decoder are all after the first picture.
     """
     missed_names = ("in haste", "not looked at", "lag ms", "left out", "CPU s")
     header = (clip["source"], "median ms", "95 % ms", "worst ms", *missed_names)
