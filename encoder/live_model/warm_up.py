@@ -29,6 +29,9 @@ from shared_model.arrays import Array
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera, pose_from_euler
 from shared_model.mesh import Head
 
+# Longer side of the pictures, pixels: loops are loaded for any size, and twice as many pixels take
+# more than twice as long.
+SIDE = 192
 # Distance of the face, and the size of its model.
 DISTANCE_MM = 600.0
 BYTES, MODES, FRAMES = 1500, 2, 4
@@ -39,8 +42,10 @@ GREY = (120, 137)
 
 
 def warm_up(head: Head, video: VideoFormat, gop: GopStructure, rng: np.random.Generator) -> None:
-    """Train a model, fit and code a frame, learn a mode: on noise of the source's size."""
-    width, height = video.width, video.height
+    """Train a model, fit and code a frame, learn a mode: on noise in the source's proportions."""
+    scale = min(1.0, SIDE / max(video.width, video.height))
+    width, height = max(1, round(scale * video.width)), max(1, round(scale * video.height))
+    video = replace(video, width=width, height=height)
     points = frontal_landmarks(
         head, Camera(width, height, TYPICAL_FOCAL_RATIO * max(width, height))
     )

@@ -12,7 +12,7 @@ from serial_lines import serial_line
 from protocol.endpoint import DEFAULT_BAUD, parse_endpoint, parse_remote_endpoint
 from protocol.link.carriers import carrier_factory, open_link_sink, open_link_source
 from protocol.link.connection import Carrier, Event, Failed, Opened
-from protocol.link.endpoints import Failure
+from protocol.link.endpoints import Failure, check_listening
 from protocol.link.interface import LinkOptions
 from protocol.link.link_service import LinkService
 from protocol.link.messages import Role
@@ -46,6 +46,7 @@ def test_an_endpoint_may_be_a_serial_line() -> None:
     assert (slow.host, slow.baud) == ("COM3", 9600)
     assert plain.is_serial and plain.is_loopback and not plain.is_reliable
     assert parse_remote_endpoint("serial/COM3") == parse_endpoint("serial/COM3")
+    check_listening(["serial/COM3"])
     for wrong in ("serial/", "serial/COM3?baud=fast", "serial/a b"):
         with pytest.raises(UserError, match="serial/DEVICE"):
             parse_endpoint(wrong)
