@@ -21,6 +21,7 @@ from encoder.capture.video_source import VideoFormat
 from encoder.coding.background import Background
 from encoder.coding.gop import GopStructure
 from encoder.learning.incremental_modes import LearnedMode
+from encoder.live_model import LEARNING_PROCESS
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
@@ -47,7 +48,7 @@ class LearningProcess:
     """
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
-        self._process, ours = start_child("encoder.live_model.learning_process")
+        self._process, ours = start_child(LEARNING_PROCESS)
         self._stream, self._on_failure = ObjectStream(ours, SHARED), on_failure
         self._numbers, self._waiting = count(), dict[int, Future[Any]]()
         self._is_closing = self._has_ended = False

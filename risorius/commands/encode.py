@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from encoder.live_model import LEARNING_PROCESS
 from risorius.command_line.call_link import (
     NO_LINK,
     CallLink,
@@ -32,6 +33,7 @@ from risorius.command_line.parser import INTERRUPTED, add_command
 from risorius.command_line.progress import ProgressLine, warn
 from risorius.command_line.signals import StopOnSignal
 from risorius.command_line.standard_streams import output_of
+from runtime.child_process import start_early
 from shared_model.errors import LINK_FAILED, UserError
 
 if TYPE_CHECKING:
@@ -82,6 +84,9 @@ def run_encode(arguments: argparse.Namespace) -> int:
     if arguments.output is not None:
         reject(arguments, ENCODE_LINK_OPTIONS, "-o")
     check_ports(arguments)
+    if profile == "default" and _is_in_real_time(arguments):
+        # It loads its libraries while this process loads its own.
+        start_early(LEARNING_PROCESS)
     from loopback.report import write_json
     from protocol.link.interface import Reachability
 
@@ -107,6 +112,12 @@ def run_encode(arguments: argparse.Namespace) -> int:
     if stop():
         return INTERRUPTED
     return LINK_FAILED if report.reach == Reachability.NO_LINK else 0
+
+
+def _is_in_real_time(arguments: argparse.Namespace) -> bool:
+    """Whether the source does not wait: a camera, or a file at its own rate."""
+    is_camera = arguments.source.isdecimal() or "://" in arguments.source
+    return is_camera or (arguments.live and arguments.pace)
 
 
 def _encode(options: "EncodeOptions", stop: StopOnSignal, quiet: bool) -> "EncodeReport":

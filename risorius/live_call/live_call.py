@@ -10,6 +10,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
+from encoder.live_model import LEARNING_PROCESS
 from encoder.sound.speech_encoder import speech_rate_hz
 from protocol.link.direction import Direction, DirectionMessage
 from protocol.link.zenoh_direction import ZenohDirection
@@ -181,7 +182,9 @@ class _LiveCall:
             if running == self._running:
                 receive(message)
 
-        part = PartProcess(f"risorius.live_call.{module}", options, descriptors, take, loop)
+        early = [LEARNING_PROCESS] if isinstance(options, SendingOptions) else []
+        name = f"risorius.live_call.{module}"
+        part = PartProcess(name, options, descriptors, take, loop, early)
         self._parts.append(part)
         return part
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from protocol.link.link_protection import STRANGERS
 from risorius.live_call.messages import FromPart, Strangers, Trouble
+from runtime.child_process import start_early
 from runtime.object_stream import ObjectStream
 from shared_model.errors import UserError
 
@@ -72,13 +73,17 @@ class PartConnection:
                 return
 
 
-def serve(descriptor: int, module: str) -> None:
+def serve(descriptor: int, module: str, *early: str) -> None:
     """Run a part, `module`.run: its options come first over the socket.
+
+    early: modules of processes that it will start, see `start_early`.
 
     A mistake of the user ends it with a message.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     run: Callable[[PartConnection, Any], None] = import_module(module).run
+    for each in early:
+        start_early(each)
     stream = ObjectStream(socket.socket(fileno=descriptor))
     part = PartConnection(stream)
     options = stream.receive()

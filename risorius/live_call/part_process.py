@@ -3,7 +3,7 @@
 import asyncio
 import subprocess
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from threading import Condition, Thread
 
@@ -29,6 +29,7 @@ class PartProcess:
     """A process that runs `module`.run until it is closed.
 
     descriptors: of this process, that it gets.
+    early: modules of processes that it will start, see `start_early`.
     receive: called in `loop` with each of its messages, and with None when it has ended.
     """
 
@@ -39,9 +40,10 @@ class PartProcess:
         descriptors: tuple[int, ...],
         receive: Callable[[FromPart | None], None],
         loop: asyncio.AbstractEventLoop,
+        early: Sequence[str] = (),
     ) -> None:
         self._process, ours = start_child(
-            "risorius.live_call.part_connection", [module], descriptors
+            "risorius.live_call.part_connection", [module, *early], descriptors
         )
         self._stream = ObjectStream(ours)
         self._stream.send(options)
