@@ -63,7 +63,7 @@ class ModelLifecycle:
         self._learner, self._pacing, self._events = learner, pacing, events
         fps = float(capture.fps)
         self._frames = TrainingFrames(pacing.training_frames)
-        self._schedule = ModelSchedule(fps)
+        self._schedule = ModelSchedule(fps, pacing.updates)
         self._modes = ModeScheduler(
             fps, pacing.mode_interval_s, self._learn, one_by_one=pacing.in_real_time
         )
@@ -103,7 +103,7 @@ class ModelLifecycle:
     def change_person(self) -> None:
         """From the next frame on somebody else is in the picture."""
         self._frames.forget()
-        self._schedule = ModelSchedule(float(self._capture.fps))
+        self._schedule = ModelSchedule(float(self._capture.fps), self._pacing.updates)
         self._awaits_newcomer = True
 
     def add_frame(self, picture: Picture, points: Array) -> None:

@@ -1,13 +1,10 @@
 """When a live call's model is trained again, and how its reserved modes are spread over time."""
 
 import math
+from collections.abc import Mapping
 
 from encoder.live_model.model_version import RESERVED_MODES
 
-# Seconds of the person's face after which the model is trained again, and the share of the budget
-# for texture and modes that the update takes: the first one is soon replaced.  Later updates follow
-# each time that what has been seen has doubled.
-TRAINING_SCHEDULE = {1.0: 0.6, 5.0: 1.0, 12.0: 1.0, 25.0: 1.0, 45.0: 1.0}
 # The number of reserved modes used by time t is proportional to (t / T) ** this, T being the time
 # from one update to the next: a quarter of the time takes half of them.  On all 200 s of franck, .5
 # dB more than when each mode is learned as soon as possible, which leaves none for the second half
@@ -19,11 +16,14 @@ class ModelSchedule:
     """When updates are due, counted in frames with a face.
 
     fps: frames per second of the source.
+    updates: seconds of the person's face after which the model is trained again, and the share of
+        the budget for texture and modes that the update takes.  Later ones follow each time that
+        what has been seen has doubled.
     """
 
-    def __init__(self, fps: float) -> None:
+    def __init__(self, fps: float, updates: Mapping[float, float]) -> None:
         self._fps = fps
-        self._due = list(TRAINING_SCHEDULE.items())
+        self._due = list(updates.items())
         self._last_s = 0.0  # when the newest update was due
 
     def is_update_due(self, faces: int) -> bool:

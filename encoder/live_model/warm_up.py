@@ -29,9 +29,9 @@ from shared_model.arrays import Array
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera, pose_from_euler
 from shared_model.mesh import Head
 
-# Longer side of the pictures, pixels: loops are loaded for any size, and twice as many pixels take
-# more than twice as long.
-SIDE = 192
+# Side of the background, pixels: loops are loaded for any size, and one of the source's size would
+# take as long as all the rest.
+BACKGROUND_SIDE = 64
 # Distance of the face, and the size of its model.
 DISTANCE_MM = 600.0
 BYTES, MODES, FRAMES = 1500, 2, 4
@@ -42,10 +42,10 @@ GREY = (120, 137)
 
 
 def warm_up(head: Head, video: VideoFormat, gop: GopStructure, rng: np.random.Generator) -> None:
-    """Train a model, fit and code a frame, learn a mode: on noise in the source's proportions."""
-    scale = min(1.0, SIDE / max(video.width, video.height))
-    width, height = max(1, round(scale * video.width)), max(1, round(scale * video.height))
-    video = replace(video, width=width, height=height)
+    """Train a model, fit and code a frame, learn a mode: on noise of the source's size, so that all
+    tables that depend on the size of the face are there as well.
+    """
+    width, height = video.width, video.height
     points = frontal_landmarks(
         head, Camera(width, height, TYPICAL_FOCAL_RATIO * max(width, height))
     )
@@ -53,7 +53,7 @@ def warm_up(head: Head, video: VideoFormat, gop: GopStructure, rng: np.random.Ge
     budget = replace(
         BUDGETS["live"], appearance_bytes=BYTES, background_bytes=BYTES, max_modes=MODES
     )
-    background = BackgroundImage(pictures[0])
+    background = BackgroundImage(pictures[0][:BACKGROUND_SIDE, :BACKGROUND_SIDE])
     trainer = ModelTrainer(head, video, gop, background, budget, progressive=False, workers=1)
     version = trainer.train(budget, pictures, [points] * FRAMES, 0)
     samples = [version.sample(picture, points) for picture in pictures]

@@ -6,6 +6,8 @@ import numpy as np
 from shared_model.arrays import Picture, Single
 
 SIDE_PX = 32
+# Pixels that are averaged along a side of each of these, of a large picture.
+SAMPLES = 4
 # Mean change of luma, levels, from one picture to the next at a cut; and in terms of the largest
 # of the changes before.
 MIN_CHANGE, MIN_RATIO = 18.0, 3.0
@@ -22,7 +24,10 @@ class CutDetector:
 
     def is_cut(self, picture: Picture) -> bool:
         """Whether there is a cut before this picture (h, w, 3) uint8 BGR."""
-        small = cv2.resize(picture, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA)
+        # Some of the pixels: all of them take 2 ms of a picture of 1280x720.
+        stride = max(1, min(picture.shape[:2]) // (SAMPLES * SIDE_PX))
+        some = np.ascontiguousarray(picture[::stride, ::stride])
+        small = cv2.resize(some, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA)
         luma = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY).astype(np.float32)
         if self._before is None:
             self._before = luma

@@ -20,6 +20,7 @@ from encoder.calls.model_states import TRANSITIONS, ModelState
 from encoder.coding.rdo_quantiser import CodedPacket
 from encoder.live_model.model_schedule import MODE_SPENDING_EXPONENT
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion
+from encoder.live_model.pacing import UNPACED
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from protocol.call_file import MAGIC
@@ -244,7 +245,7 @@ def test_modes_are_reserved_for_later_frames(
 ) -> None:
     # After a second of face the model is trained again only after another thousand.
     monkeypatch.setattr(
-        "encoder.live_model.model_schedule.TRAINING_SCHEDULE", {1.0: 0.6, 1001.0: 1.0}
+        "encoder.live_model.pacing.UNPACED", replace(UNPACED, updates={1.0: 0.6, 1001.0: 1.0})
     )
     copy = tmp_path / "clip.mkv"
     copy.write_bytes(clip.read_bytes())

@@ -14,7 +14,6 @@ from encoder.calls.session_stats import SessionStats
 from encoder.capture.live_capture import NO_PICTURE, FrameMailbox, LiveCapture
 from encoder.capture.video_source import open_source
 from encoder.detection.tflite import find_segmentation_network
-from encoder.live_model.model_schedule import TRAINING_SCHEDULE
 from encoder.live_model.model_version import RESERVED_MODES
 from encoder.live_model.pacing import UNPACED
 from encoder.options import EncodeOptions
@@ -53,7 +52,7 @@ def test_an_update_is_announced_ahead_of_its_first_packet(live_call: Path) -> No
     assert is_layered(first.background) == has_layers == (none_yet.layers > 0)
     before = sum(isinstance(packet, FramePacket) for packet in packets[:place])
     assert update.sequence == before + UNPACED.lead_packets
-    learned = min(TRAINING_SCHEDULE) * FPS
+    learned = min(UNPACED.updates) * FPS
     assert update.call.start_frame > learned
     assert isinstance(packets[-1], ControlPacket) and packets[-1].kind is ControlKind.END
 
