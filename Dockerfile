@@ -11,8 +11,9 @@ COPY requirements.lock ./
 # What only tests and checks need does not stay.
 RUN pip install --no-cache-dir --require-hashes --no-deps -r requirements.lock \
     && pip uninstall --yes check-jsonschema coverage hypothesis matplotlib mypy pytest pytest-cov \
-    pytest-xdist ruff types-pyyaml
+    pytest-xdist ruff types-pyserial types-pyyaml
 COPY pyproject.toml README.md LICENSE ./
+COPY runtime ./runtime
 COPY shared_model ./shared_model
 COPY protocol ./protocol
 COPY encoder ./encoder

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,9 @@ def test_every_service_runs_a_command_of_ours(services: dict[str, Any]) -> None:
 def test_the_image_copies_files_that_exist_and_runs_the_program() -> None:
     lines = DOCKERFILE.read_text().splitlines()
     copied = [name for line in lines if line.startswith("COPY ") for name in line.split()[1:-1]]
-    assert {"requirements.lock", "shared_model", "loopback"} <= set(copied)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
+    packages = [name.removesuffix("*") for name in project["packages"]["find"]["include"]]
+    assert {"requirements.lock", *packages} <= set(copied)
     allowed = (ROOT / ".dockerignore").read_text().splitlines()
     for name in copied:
         assert (ROOT / name).exists() and f"!{name}" in allowed
