@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from shared_model.arrays import Array, Single
+from shared_model.arrays import Array
 
 Equations = tuple[Array, Array]
 State = TypeVar("State")
@@ -77,21 +77,6 @@ def gauss_newton(
         if step @ right < min_decrease:
             break
     return state, normal
-
-
-def weighted_equations(
-    jacobian: Single, residual: Single, weight: Single, relative_ridge: float, ridge: float
-) -> Equations:
-    """The normal equations of a picture's residual.
-
-    jacobian: (k, h, w) of what is drawn.  residual, weight: (h, w).
-    relative_ridge: of the matrix' diagonal.  ridge: its least value, squared grey levels per pixel.
-    """
-    rows = jacobian.reshape(len(jacobian), -1).astype(np.float64)
-    weighted = rows * weight.ravel()
-    normal = weighted @ rows.T
-    added = relative_ridge * np.diag(normal) + ridge * rows.shape[1]
-    return normal + np.diag(added), weighted @ residual.ravel()
 
 
 def levenberg_marquardt(

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from encoder.capture.colour import luma_f32
-from encoder.fitting.gauss_newton import Equations, gauss_newton, weighted_equations
+from encoder.fitting.gauss_newton import Equations, gauss_newton
 from encoder.layers.displacement import dense, dot, moved_back, origins, sample, subtract_scaled
 from encoder.layers.layer_samples import (
     CoarseFrame,
@@ -17,10 +17,9 @@ from encoder.layers.layer_samples import (
 )
 from encoder.layers.light import fit_light, lit, unlit
 from encoder.layers.scene_motion import (
-    RELATIVE_RIDGE,
-    RIDGE_GREY2,
     ScenePyramid,
     blurred,
+    coarse_equations,
     fit_scene_motion,
     gradient,
     halved,
@@ -187,8 +186,7 @@ class LayerFitter:
             residual = frame.luma - drawn.picture
             around = np.asarray(cv2.blur(residual, (3, 3)), np.float32)
             weight = cauchy_weight(around, weight=frame.outside)
-            slopes = self._slopes(drawn)
-            return weighted_equations(slopes, residual, weight, RELATIVE_RIDGE, RIDGE_GREY2)
+            return coarse_equations(self._slopes(drawn), residual, weight)
 
         def moved(coefficients: Array, step: Array) -> Array:
             return np.clip(coefficients + step, *self.limits.T)

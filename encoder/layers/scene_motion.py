@@ -5,7 +5,7 @@ from functools import lru_cache, partial
 import cv2
 import numpy as np
 
-from encoder.fitting.gauss_newton import Equations, gauss_newton, weighted_equations
+from encoder.fitting.gauss_newton import Equations, gauss_newton
 from encoder.layers.displacement import dot, moved_back, pixel_grid, sample
 from runtime.cauchy_weight import cauchy_weight
 from shared_model.arrays import Array, Single
@@ -64,7 +64,19 @@ def _equations(
     residual = np.asarray(target - sample(scene, at), np.float32)
     trust = cauchy_weight(residual, weight=weight)
     jacobian = -dot(basis, sample(slope, at))
-    return weighted_equations(jacobian, residual, trust, RELATIVE_RIDGE, RIDGE_GREY2)
+    return coarse_equations(jacobian, residual, trust)
+
+
+def coarse_equations(jacobian: Single, residual: Single, weight: Single) -> Equations:
+    """The normal equations of a coarse picture's residual, with a ridge.
+
+    jacobian: (k, h, w) of what is drawn.  residual, weight: (h, w).
+    """
+    rows = jacobian.reshape(len(jacobian), -1).astype(np.float64)
+    weighted = rows * weight.ravel()
+    normal = weighted @ rows.T
+    ridge = RELATIVE_RIDGE * np.diag(normal) + RIDGE_GREY2 * rows.shape[1]
+    return normal + np.diag(ridge), weighted @ residual.ravel()
 
 
 def is_explained(moving: float, still: float) -> bool:

@@ -1,6 +1,6 @@
 """Measurements of the face in single frames, by landmarks or by Viola-Jones' detector."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -9,7 +9,7 @@ import numpy as np
 from encoder.detection.landmark_indices import LANDMARK_COUNT, OUTER_EYE_CORNERS
 from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.roi import RotatedRoi, roi_from_landmarks
-from encoder.detection.several_faces import warn_of_several_faces
+from encoder.detection.several_faces import Warn, warn_of_several_faces
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity, generic_identity
@@ -25,8 +25,6 @@ from shared_model.arrays import Array, Picture
 from shared_model.geometry import pixel_from_head
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
-
-Warn = Callable[[str], None]
 
 # One landmark in so many is a measurement of the filter.
 LANDMARK_STRIDE = 12

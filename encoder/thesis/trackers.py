@@ -1,13 +1,13 @@
 """The trackers' common interface and factory, and trackers that measure every frame by itself."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from encoder.appearance.photometric import NORMALISATIONS
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.several_faces import warn_of_several_faces
+from encoder.detection.several_faces import Warn, warn_of_several_faces
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.analysis_by_synthesis import TexelFitter
@@ -30,8 +30,6 @@ from shared_model.errors import UserError
 from shared_model.geometry import interpolate
 from shared_model.mesh import Head
 from shared_model.parameters import EAU_INDEX, FaceParameters
-
-Warn = Callable[[str], None]
 
 DETECTORS = ("network", "haar")
 TRACKERS = ("single", "full")

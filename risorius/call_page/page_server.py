@@ -26,7 +26,10 @@ from risorius.call_page.messages import (
 from risorius.page.access import HEADERS
 from risorius.page.local_site import LocalSite, page_files
 
-SCRIPTS = ("player", "voice", "voice_worklet", "tape", "devices", "camera_worker", "call")
+FILES = (
+    *("call.css", "call.js", "player.js", "voice.js", "voice_worklet.js"),
+    *("tape.js", "devices.js", "camera_worker.js"),
+)
 BOUNDARY = "picture"
 PATIENCE_S = 0.5
 CommandCallback = Callable[[dict[str, Any]], None]
@@ -59,7 +62,7 @@ class PageServer:
         self._all_left.set()
         self._site = LocalSite(
             {
-                **page_files("risorius.call_page", "call", SCRIPTS),
+                **page_files("risorius.call_page", "call.html", FILES),
                 ("GET", "ws"): self._get_socket,
                 ("GET", "stream.mjpg"): self._get_stream,
             },

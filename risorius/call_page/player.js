@@ -1,7 +1,3 @@
-/** The element of an id, of whatever kind it is in the page.
- * @param {string} id
- * @returns {any} */
-const el = (id) => document.getElementById(id);
 const OTHER = 1,
   SELF = 2,
   CAMERA = 3,

@@ -2,6 +2,8 @@
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import PurePath
 from typing import Any, Self
 
 from aiohttp import web
@@ -13,6 +15,7 @@ from shared_model.errors import UserError
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 # Bytes of a request's body at most: every command of a page takes less.
 MAX_BODY_BYTES = 1 << 16
+MEDIA_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 
 
 class LocalSite:
@@ -78,15 +81,18 @@ def answer(body: bytes, content_type: str) -> web.Response:
     return web.Response(body=body, content_type=content_type, charset=charset, headers=HEADERS)
 
 
-def page_files(package: str, name: str, scripts: Sequence[str]) -> dict[tuple[str, str], Handler]:
-    """The page `name`.html of a package, its style sheet, and the scripts (`NAME`.js)."""
-    folder = files(package)
-    pages = {("GET", ""): fixed((folder / f"{name}.html").read_bytes(), "text/html")}
-    pages["GET", f"{name}.css"] = fixed((folder / f"{name}.css").read_bytes(), "text/css")
-    for script in scripts:
-        code = (folder / f"{script}.js").read_bytes()
-        pages["GET", f"{script}.js"] = fixed(code, "text/javascript")
-    return pages
+def page_files(package: str, page: str, names: Sequence[str]) -> dict[tuple[str, str], Handler]:
+    """A page of a package, its style sheets and scripts, and the script of all pages.
+
+    page, names: of the files.
+    """
+    folder, of_all = files(package), files("risorius.page") / "element.js"
+    parts = {"": folder / page, "element.js": of_all} | {name: folder / name for name in names}
+    return {("GET", path): _file(part) for path, part in parts.items()}
+
+
+def _file(part: Traversable) -> Handler:
+    return fixed(part.read_bytes(), MEDIA_TYPES[PurePath(part.name).suffix])
 
 
 def fixed(body: bytes, content_type: str) -> Handler:

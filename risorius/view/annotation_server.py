@@ -21,6 +21,8 @@ from risorius.view.annotation_state import (
     shown,
 )
 
+PARTS = ("panel.css", "annotation.css", "annotation.js")
+
 
 @dataclass(frozen=True, slots=True)
 class AnnotationViewOptions:
@@ -89,7 +91,7 @@ class _Annotations:
             return corrected
 
         return {
-            **page_files("risorius.view", "annotation", ["annotation"]),
+            **page_files("risorius.view", "annotation.html", PARTS),
             ("GET", "annotations.json"): described,
             ("GET", "annotation.json"): stored,
             ("GET", "picture.jpg"): picture,

@@ -143,7 +143,8 @@ def _site(requests: RequestQueue, described: dict[str, Any]) -> LocalSite:
 
     async def picture(request: web.Request) -> web.Response:
         # The client: the name that a page gives itself, else the connection.
-        page = request.headers.get("X-Page") or str(request.remote)
+        peer = request.transport and request.transport.get_extra_info("peername")
+        page = request.headers.get("X-Page") or str(peer)
         state = state_from_query(request.query_string)
         data = await asyncio.wrap_future(requests.ask(page, state))
         if data is None:
@@ -152,7 +153,7 @@ def _site(requests: RequestQueue, described: dict[str, Any]) -> LocalSite:
 
     return LocalSite(
         {
-            **page_files("risorius.view", "view", ["view"]),
+            **page_files("risorius.view", "view.html", ["panel.css", "view.css", "view.js"]),
             ("GET", "model.json"): fixed(json.dumps(described).encode(), "application/json"),
             ("GET", "picture.jpg"): picture,
         }

@@ -1,8 +1,4 @@
 const page = Math.random().toString(36).slice(2);
-/** The element of an id, of whatever kind it is in the page.
- * @param {string} id
- * @returns {any} */
-const el = (id) => document.getElementById(id);
 /** @type {HTMLImageElement} */
 const picture = el("picture");
 const rows = new Map(); // name -> {input, output, show}
