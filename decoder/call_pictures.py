@@ -17,6 +17,7 @@ from decoder.playout.playout import PlayoutFrame
 from decoder.playout.received_frames import DecodeStats, Waiting, received_frames
 from decoder.playout.receiver import Receiver
 from decoder.scene.reenactment import read_model, reenact
+from decoder.scene.residual_picture import ResidualPicture
 from decoder.scene.scene import Scene
 from decoder.scene.scene_parts import PartsLoader, SceneParts
 from protocol.call_file import CallReader
@@ -24,6 +25,7 @@ from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.link.interface import MessageCallback, PacketSource, ignore_message
 from protocol.model_packet import ModelPacket
+from protocol.picture_residual.residual_block import CodedResidual
 from protocol.progressive_model import is_same_model
 from shared_model.arrays import Picture
 from shared_model.errors import LINK_FAILED, UserError
@@ -110,6 +112,7 @@ class CallPictures:
         self._submitted: _ReceivedFrame | None = None
         self._face: FaceParameters | None = None  # of the frame before, as long as it looks so
         self._picture: Picture | None = None  # of the newest frame that is complete
+        self._residual = ResidualPicture()
 
     @property
     def sender(self) -> CallParameters:
@@ -221,7 +224,19 @@ class CallPictures:
         picture = in_grey(self._picture) if is_held else self._picture
         if frame.presence < 1 and self._scene is not None:
             picture = self._scene.without_person(picture, frame.presence)
+        if frame.residual is not None and self._target is None:
+            with self.timer.stage("residual"):
+                picture = self._with_residual(picture, frame, frame.residual)
         return DrawnFrame(frame.index, picture, frame.frozen, frame.lost, frame.time_s)
+
+    def _with_residual(
+        self, picture: Picture, frame: PlayoutFrame, residual: CodedResidual
+    ) -> Picture:
+        try:
+            return self._residual.added_to(picture, residual, frame.index)
+        except ProtocolError as error:
+            self.stats.note_damage(error, self.receiver, frame.index)
+            return picture
 
     def _prepare_models(self) -> None:
         """Begin to decode what has been received of models."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
+from encoder.residual.draw_call import DrawCall
 from encoder.thesis.trackers import TrackingOptions
 from protocol.link.interface import CONNECT_TIMEOUT_S
 from protocol.security.link_security import LinkSecurity
@@ -37,6 +38,8 @@ class EncodeOptions:
         0: wait only until the link is made, for `connect_timeout_s`.
     look_for_face_s: warn if there is no face after this many seconds of video.
     model_bytes: approximate size of the model packet; None: the profile's usual one.
+    draw: draws the call that is encoded, to code what its pictures lack (default profile, recorded,
+        with bits to spare); None: that is not coded.
     voice: codec of the voice, one of `VOICES`; None: 1200 where the source has sound and the codec
         is installed.
     """
@@ -65,3 +68,4 @@ class EncodeOptions:
     look_for_face_s: float = 10.0
     model_bytes: int | None = None
     voice: str | None = "off"
+    draw: DrawCall | None = None

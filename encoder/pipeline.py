@@ -17,9 +17,11 @@ from encoder.calls.face_search import open_landmark_search
 from encoder.calls.frame_source import FrameSource, dropping_frames
 from encoder.calls.live_session import LiveEncoder, LiveSettings
 from encoder.calls.packet_sender import PacketSender
+from encoder.calls.recorded_residual import with_residual
 from encoder.calls.recorded_session import RecordedEncoder, send_call
 from encoder.calls.session_callbacks import Progress, SessionCallbacks
 from encoder.calls.session_stats import SessionStats
+from encoder.calls.two_pass_session import EncodedCall
 from encoder.capture.live_capture import by_arrival
 from encoder.capture.spooled_pipe import spooled
 from encoder.capture.video_source import Capture, is_pipe, open_source
@@ -35,6 +37,7 @@ from encoder.option_rules import check_delay
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.report import EncodeReport, report_of
+from encoder.residual.residual_encoder import faces_bitrate, has_residual
 from encoder.sound.open_voice import chosen_voice, open_voice
 from encoder.sound.voice_packer import VoicePacker
 from encoder.thesis.thesis_session import ThesisEncoder
@@ -171,12 +174,38 @@ def encode_two_pass(
     pacer = _pacer(options, sink, _gop(options, capture), capture)
     packets = PacketSender(sink, stats, pacer, capture.times, voice)
     encoder = first_and_second_pass(options, capture, stats, callbacks)
-    call = encoder.encode(options.bitrate, progressive=packets.pacer is not None)
+    call = encode_recorded(encoder, options, stats, callbacks, packets.pacer is not None)
     if options.pace:
         send_call(call, packets, capture.times, callbacks.stop)
     else:
         # A stop during the passes has ended the call already.
         send_call(call, packets, None, lambda: False)
+
+
+def encode_recorded(
+    encoder: RecordedEncoder,
+    options: EncodeOptions,
+    stats: SessionStats,
+    callbacks: SessionCallbacks,
+    progressive: bool = False,
+) -> list[EncodedCall]:
+    """The parts of a call after both passes, with a picture residual where that pays.
+
+    progressive: see `RecordedEncoder.encode`; then there is no residual.
+    """
+    bitrate = options.bitrate
+    if options.draw is None or progressive or not has_residual(bitrate):
+        return encoder.encode(bitrate, progressive)
+    callbacks.on_preparing("picture residual")
+    try:
+        with open_source(options.source, square_pixels=True) as capture, stats.stage("residual"):
+            faces = encoder.encode(faces_bitrate(bitrate))
+            return with_residual(faces, options.draw, capture, bitrate)
+    except UserError as error:
+        stats.warn(f"without a picture residual: {error}")
+        return encoder.encode(bitrate)
+    finally:
+        callbacks.on_preparing("")
 
 
 def run_session(

@@ -40,6 +40,8 @@ class CallParameters:
     voice: one of `VOICES`, the codec of the speech in the frame packets; off: the call is silent.
     sample_aspect: sample aspect ratio of the source, width of a pixel over its height, see
         `sample_aspect`.
+    has_residual: frame packets carry a picture residual (default profile), see
+        `protocol.picture_residual`.
     """
 
     profile: str
@@ -55,6 +57,7 @@ class CallParameters:
     colour_matrix: str = "bt601"
     voice: str = "off"
     sample_aspect: Fraction = Fraction(1)
+    has_residual: bool = False
 
     def __post_init__(self) -> None:
         if self.profile not in PROFILES:
@@ -80,6 +83,9 @@ class CallParameters:
             raise ValueError(
                 f"eyelids are an option of the thesis profile, not of the {self.profile}"
             )
+        check_bool("has_residual", self.has_residual)
+        if self.has_residual and self.profile != "default":
+            raise ValueError(f"the {self.profile} profile has no picture residual")
         focal = as_float32("focal length", self.focal_px)
         if not 1 <= focal <= MAX_FOCAL_PX:
             raise ValueError(f"focal length is {focal} px, expected 1..{MAX_FOCAL_PX}")

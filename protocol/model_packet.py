@@ -46,9 +46,16 @@ PROGRESSIVE_FORMAT = 18
 EXTENSIBLE_FORMAT = 19
 VOICE_FORMAT = 20
 ASPECT_FORMAT = 21
+PICTURE_RESIDUAL_FORMAT = 22
 _THESIS_FORMATS = THESIS_FORMAT, EYELIDS_FORMAT
 _DEFAULT_FORMATS = DEFAULT_FORMAT, PROGRESSIVE_FORMAT, EXTENSIBLE_FORMAT
-FORMATS = (*_THESIS_FORMATS, *_DEFAULT_FORMATS, VOICE_FORMAT, ASPECT_FORMAT)
+FORMATS = (
+    *_THESIS_FORMATS,
+    *_DEFAULT_FORMATS,
+    VOICE_FORMAT,
+    ASPECT_FORMAT,
+    PICTURE_RESIDUAL_FORMAT,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,8 +146,8 @@ class ModelPacket:
 # Keys of the map, one letter each because they are sent.
 _KEYS = ("p", "s", "r", "f", "n", "o", "l", "a", "d", "q", "t", "e", "b", "x", "m")
 # Further keys; each format has so many of them.
-_FURTHER_KEYS = ("k", "y", "g", "i", "v", "z")
-_DEFAULTS: tuple[Any, ...] = (1, False, False, False, 0, (1, 1))
+_FURTHER_KEYS = ("k", "y", "g", "i", "v", "z", "w")
+_DEFAULTS: tuple[Any, ...] = (1, False, False, False, 0, (1, 1), False)
 _FURTHER_KEY_COUNT = {
     THESIS_FORMAT: 0,
     EYELIDS_FORMAT: 4,
@@ -149,10 +156,13 @@ _FURTHER_KEY_COUNT = {
     EXTENSIBLE_FORMAT: 3,
     VOICE_FORMAT: 5,
     ASPECT_FORMAT: 6,
+    PICTURE_RESIDUAL_FORMAT: 7,
 }
 
 
 def _format_of(packet: ModelPacket) -> int:
+    if packet.call.has_residual:
+        return PICTURE_RESIDUAL_FORMAT
     if packet.call.sample_aspect != 1:
         return ASPECT_FORMAT
     if packet.call.voice != "off":
@@ -194,6 +204,7 @@ def _model_fields(packet: ModelPacket) -> dict[str, Any]:
         call.has_eyelids,
         VOICE_NUMBERS[call.voice],
         call.sample_aspect.as_integer_ratio(),
+        call.has_residual,
     )
     return dict(zip(_keys(format_number), values, strict=False))
 
@@ -242,7 +253,7 @@ def _model_from_fields(sequence: int, format_number: int, fields: Any) -> ModelP
         raise ValueError(f"no map of the fields {','.join(keys)}")
     profile, size, fps, focal, packing, start, versions, aau, residual, *rest = fields.values()
     rotation, translation, eau, background, texture, profile_data, *further = rest
-    step, progressive, extensible, has_eyelids, voice, aspect = (
+    step, progressive, extensible, has_eyelids, voice, aspect, has_residual = (
         *further,
         *_DEFAULTS[len(further) :],
     )
@@ -266,6 +277,7 @@ def _model_from_fields(sequence: int, format_number: int, fields: Any) -> ModelP
             COLOUR_MATRICES[matrix],
             voice_of(voice),
             aspect_of(*_pair("sample aspect ratio", aspect)),
+            has_residual,
         ),
         aau=_codes_from_bytes("aau", aau),
         reference_rotation=rotation,

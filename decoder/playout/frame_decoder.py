@@ -18,6 +18,11 @@ from protocol.frames.scalar_quantiser import (
 from protocol.frames.temporal_prediction import FramePredictor
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
+from protocol.picture_residual.residual_block import (
+    CodedResidual,
+    covered_frames,
+    split_payload,
+)
 from shared_model.arrays import Integers
 from shared_model.parameters import EAU_INDEX, FaceParameters
 
@@ -35,6 +40,12 @@ class FrameDecoder(Protocol):
 
     def decode(self, number: int, payload: bytes) -> list[TimedFace]:
         """The faces of packet `number` (0 is the model's first).  Raises `ProtocolError`."""
+
+    def residual(self, number: int, payload: bytes, coded: int) -> CodedResidual | None:
+        """The picture residual of packet `number`, which has `coded` faces; None: it has none.
+
+        Raises `ProtocolError`.
+        """
 
     def repair(self, number: int, payload: bytes) -> TimedFace | None:
         """Take in a packet that comes after a later one.
@@ -76,6 +87,9 @@ class ThesisFrameDecoder:
         eau[sent] = face.eau[sent]
         return [TimedFace(self.newest_frame(number), replace(face, eau=eau))]
 
+    def residual(self, number: int, payload: bytes, coded: int) -> None:
+        """See `FrameDecoder`: the profile has none."""
+
     def repair(self, number: int, payload: bytes) -> TimedFace | None:
         """See `FrameDecoder`: no packet depends on another."""
         self.decode(number, payload)
@@ -106,14 +120,26 @@ class PredictiveFrameDecoder:
 
     def decode(self, number: int, payload: bytes) -> list[TimedFace]:
         """See `FrameDecoder`."""
-        frames = self._history.decode(number, payload)
+        frames = self._history.decode(number, self._split(payload)[1])
         self._newest = number
         return self._timed(number, frames)
 
     def repair(self, number: int, payload: bytes) -> TimedFace | None:
         """See `FrameDecoder`."""
-        frames = self._history.insert(number, payload)
+        frames = self._history.insert(number, self._split(payload)[1])
         return None if frames is None else self._timed(self._newest, frames)[-1]
+
+    def residual(self, number: int, payload: bytes, coded: int) -> CodedResidual | None:
+        """See `FrameDecoder`."""
+        call, data = self._model.call, self._split(payload)[0]
+        if not data:
+            return None
+        covered = covered_frames(call, number, coded)
+        return CodedResidual(data, call.width, call.height, covered.start, len(covered))
+
+    def _split(self, payload: bytes) -> tuple[bytes, bytes]:
+        """The bytes of the picture residual, which may be none, and those of the faces."""
+        return split_payload(payload) if self._model.call.has_residual else (b"", payload)
 
     def packet_index_at(self, frame: int) -> int:
         """See `FrameDecoder`."""

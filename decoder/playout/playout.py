@@ -20,6 +20,7 @@ from protocol.errors import ProtocolError
 from protocol.frames.frame_times import FrameClock, TimesPacket
 from protocol.limits import FIRST_WINDOW, LATE_WINDOW, SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
+from protocol.picture_residual.residual_block import CodedResidual
 from protocol.packets import (
     ControlKind,
     ControlPacket,
@@ -46,6 +47,7 @@ class PlayoutFrame:
     lost: its packet is missing; the face is concealed.
     frozen: it repeats an older face: the encoder had none there, or too much is lost.
     presence: 1 to 0: how much of the person to draw; less than 1 after they have left.
+    residual: what the picture has besides, as its packet says; None: nothing.
     """
 
     index: int
@@ -55,6 +57,7 @@ class PlayoutFrame:
     frozen: bool = False
     lost: bool = False
     presence: float = 1.0
+    residual: CodedResidual | None = None
 
 
 class Playout:
@@ -183,7 +186,9 @@ class Playout:
             self._activate_update(self._models.update)
         version = self._models.current
         assert version is not None
-        coded = version.decoder.decode(number - version.first, packet.payload)
+        own_number = number - version.first
+        coded = version.decoder.decode(own_number, packet.payload)
+        residual = version.decoder.residual(own_number, packet.payload, len(coded))
         self.lost += number - newest - 1
         self._newest = number
         frames = list[PlayoutFrame]()
@@ -193,7 +198,7 @@ class Playout:
             frozen = self.is_frozen and self._last is not None
             face = self._last.face if frozen and self._last else timed.face
             self._last = TimedFace(timed.timestamp, face)
-        return frames
+        return [_with_residual(frame, residual) for frame in frames]
 
     def _receive_late(self, number: int, packet: FramePacket) -> None:
         """Let what was decoded without this packet become exact."""
@@ -318,3 +323,10 @@ class Playout:
             raise ProtocolError(
                 f"call jumps from frame {self._next} to {int(end)}, limit {MAX_FROZEN_S} s"
             )
+
+
+def _with_residual(frame: PlayoutFrame, residual: CodedResidual | None) -> PlayoutFrame:
+    """A frame with its packet's residual, unless its face is not that of the packet."""
+    if residual is None or frame.frozen or frame.lost or frame.index < residual.first:
+        return frame
+    return replace(frame, residual=residual)

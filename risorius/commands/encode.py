@@ -137,6 +137,7 @@ def _encode(options: "EncodeOptions", stop: StopOnSignal, quiet: bool) -> "Encod
 
 def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink) -> "EncodeOptions":
     from encoder.options import EncodeOptions
+    from decoder.drawn_call import draw_call
     from encoder.thesis.trackers import TrackingOptions
 
     over_link = arguments.output is None
@@ -148,6 +149,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
         call=link.call,
         security=link.security,
         lossless=arguments.lossless,
+        draw=draw_call,
         profile=profile,
         bitrate=arguments.bitrate,
         startup_bitrate=arguments.startup_bitrate,

@@ -1,0 +1,95 @@
+"""Adds the picture residual to a recorded call: the call is drawn, and its source read once more."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import replace
+from io import BytesIO
+from typing import BinaryIO
+
+import numpy as np
+
+from encoder.calls.packet_sender import PacketSender
+from encoder.calls.recorded_session import send_call
+from encoder.calls.session_stats import SessionStats
+from encoder.calls.two_pass_session import EncodedCall
+from encoder.coding.rate_control import packet_spans
+from encoder.residual.draw_call import DrawCall
+from encoder.residual.residual_encoder import ResidualEncoder
+from protocol.call_file import CallStreamWriter
+from protocol.picture_residual.residual_block import covered_frames, join_payload
+from shared_model.arrays import Picture, Single
+
+
+def with_residual(
+    parts: Sequence[EncodedCall],
+    draw: DrawCall,
+    frames: Iterable[tuple[int, Picture]],
+    bitrate: float,
+) -> list[EncodedCall]:
+    """The parts of a call, their models whole, with the residual of their pictures in frame packets.
+
+    frames: of the source, from the first on.  bitrate: of frame packets, bits a second.
+    Raises `UserError` if the call cannot be drawn.
+    """
+    prepared = [_with_blocks(part, [b""] * len(part.payloads)) for part in parts]
+    with closing(draw(_written(prepared))) as drawn:
+        differences = _Differences(drawn, frames)
+        return [_with_blocks(part, _blocks(part, differences, bitrate)) for part in parts]
+
+
+def _with_blocks(part: EncodedCall, blocks: Sequence[bytes]) -> EncodedCall:
+    """A part whose frame packets have these blocks."""
+    call = replace(part.model.call, has_residual=True)
+    return replace(
+        part,
+        model=replace(part.model, call=call),
+        payloads=tuple(map(join_payload, blocks, part.payloads)),
+    )
+
+
+def _written(parts: Sequence[EncodedCall]) -> BinaryIO:
+    stream = BytesIO()
+    sender = PacketSender(CallStreamWriter(stream), SessionStats())
+    send_call(parts, sender, None, lambda: False)
+    stream.seek(0)
+    return stream
+
+
+class _Differences:
+    """The differences of source frames and drawn pictures, to be asked for in order."""
+
+    def __init__(
+        self, drawn: Iterator[tuple[int, Picture]], frames: Iterable[tuple[int, Picture]]
+    ) -> None:
+        self._pairs = zip(frames, drawn, strict=False)
+        self._newest = -1
+
+    def of(self, wanted: range, without: frozenset[int]) -> list[Single]:
+        """Of the source frames `wanted`, 0 in those `without` a face; fewer at the end."""
+        found = list[Single]()
+        while self._newest < wanted[-1]:
+            pair = next(self._pairs, None)
+            if pair is None:
+                break
+            (self._newest, source), (index, picture) = pair
+            assert index == self._newest
+            if self._newest in wanted:
+                difference = source.astype(np.float32) - picture
+                found.append(0 * difference if index in without else difference)
+        return found
+
+
+def _blocks(part: EncodedCall, differences: _Differences, bitrate: float) -> Iterator[bytes]:
+    """The block of each frame packet."""
+    call = part.model.call
+    encoder = ResidualEncoder(bitrate, call.width, call.height)
+    coded = len(range(call.start_frame, part.frames, call.frame_step))
+    spans = packet_spans(coded, call.frames_per_packet)
+    for number, (payload, (first, end)) in enumerate(zip(part.payloads, spans, strict=False)):
+        covered = covered_frames(call, number, end - first)
+        found = differences.of(covered, part.lost)
+        if len(found) < len(covered) or part.lost.issuperset(covered):
+            yield b""
+            continue
+        outlines = [part.outlines[index] for index in covered if index in part.outlines]
+        yield encoder.encode(found, outlines, len(covered) / call.fps, 8 * (len(payload) + 2))

@@ -1,0 +1,1 @@
+"""The picture residual: source less drawn model, transformed, quantised and coded."""

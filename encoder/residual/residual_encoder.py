@@ -1,0 +1,102 @@
+"""Codes the picture residual of a call, packet by packet, in the bits that the faces leave."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from encoder.coding.rate_control import RESERVOIR_S
+from encoder.picture_coding.quantiser_search import finest_quantiser_within
+from encoder.residual.forward_transform import forward_transform
+from encoder.residual.quantiser import quantise_tiles
+from encoder.residual.residual_writing import serialise_tiles
+from protocol.entropy.varint import encode_varint
+from protocol.limits import MAX_FRAME_PAYLOAD_BYTES
+from protocol.picture_residual.residual_block import (
+    CHROMA_WEIGHT,
+    ResidualTiles,
+    step_size,
+    tile_grid,
+)
+from protocol.picture_residual.tile_coding import TILE
+from shared_model.arrays import Array, Mask, Picture, Single
+
+# Below this rate all bits are the faces'; above it they have so much, and this share of the rest.
+FACES_ALONE_BPS, FACES_SHARE = 1200.0, 0.3
+# A packet may take what it earns and this share of what those before have left.
+SAVED_SHARE = 0.3
+# Codes of the step: the finest, the one tried first, the coarsest; and in how many bits halve.
+FINEST, INITIAL, COARSEST = 8, 32, 44
+CODES_PER_HALVING = 2.5
+
+
+def faces_bitrate(bitrate: float) -> float:
+    """The bits a second of a call's faces, where the rest is for the residual."""
+    return min(bitrate, FACES_ALONE_BPS + FACES_SHARE * (bitrate - FACES_ALONE_BPS))
+
+
+def has_residual(bitrate: float) -> bool:
+    """Whether a call of this rate has bits for a residual."""
+    return bitrate > FACES_ALONE_BPS
+
+
+class ResidualEncoder:
+    """Codes groups of pictures of (width, height) at the rate of a call.
+
+    bitrate: of frame packets, bits a second.
+    """
+
+    def __init__(self, bitrate: float, width: int, height: int) -> None:
+        self._bitrate, self._size = bitrate, (width, height)
+        self._saved = 0.0
+        self._code = INITIAL
+
+    def encode(
+        self,
+        differences: Sequence[Single],
+        outlines: Sequence[Array],
+        seconds: float,
+        faces_bits: float,
+    ) -> bytes:
+        """The residual of a packet; empty: it has none.
+
+        differences: (h, w, 3) BGR of each source frame, source less drawn picture.
+        outlines: of the face in some of them, (n, 2) pixels: what is coded more finely.
+        seconds: of the call.  faces_bits: what the packet has besides.
+        """
+        earned = self._bitrate * seconds - faces_bits
+        self._saved = min(self._saved + earned, self._bitrate * RESERVOIR_S)
+        limit = min(max(earned, 0.0) + SAVED_SHARE * self._saved, self._saved)
+        limit = min(limit, 8 * (MAX_FRAME_PAYLOAD_BYTES // 2))
+        if limit < 8:
+            return b""
+        values = forward_transform(np.stack(differences), CHROMA_WEIGHT)
+        is_fine = _tiles_within(outlines, *self._size)
+
+        def code(step_code: int) -> bytes:
+            quantised = quantise_tiles(values, step_size(step_code), is_fine)
+            return serialise_tiles(ResidualTiles(step_code, *quantised))
+
+        codes = range(FINEST, COARSEST + 1)
+        self._code, data = finest_quantiser_within(
+            code, _bits_of, limit, codes, self._code, CODES_PER_HALVING
+        )
+        if _bits_of(data) > limit:
+            data = b""
+        self._saved -= _bits_of(data)
+        return data
+
+
+def _bits_of(data: bytes) -> int:
+    return 8 * (len(encode_varint(len(data))) + len(data))
+
+
+def _tiles_within(outlines: Sequence[Array], width: int, height: int) -> Mask:
+    """(rows, columns) the tiles whose centres are in one of some polygons (n, 2), pixels."""
+    rows, columns = tile_grid(width, height)
+    inside: Picture = np.zeros((rows, columns), np.uint8)
+    for outline in outlines:
+        # A pixel of the small picture is a tile: its centre is that of the tile.
+        points = np.rint(outline[:, :2] / TILE - 0.5).astype(np.int32)
+        cv2.fillPoly(inside, [points], 1)
+    return np.asarray(inside > 0)

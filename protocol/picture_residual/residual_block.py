@@ -1,0 +1,128 @@
+"""The block of a frame packet with the picture residual of its frames.
+
+A block is its length (varint) and so many bytes, one range coder: the code of the step (6 bits),
+then the tiles, see `tile_coding`.  A block of length 0 says that there is no residual.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from protocol.call_parameters import CallParameters
+from protocol.entropy.integer_codes import code_bits
+from protocol.entropy.range_coder import RangeDecoder
+from protocol.entropy.varint import decode_varint, encode_varint
+from protocol.errors import ProtocolError
+from protocol.picture_residual.tile_coding import (
+    REGISTERS,
+    TILE,
+    TILE_VALUES,
+    code_tiles,
+    initial_probabilities,
+)
+from shared_model.arrays import Integers, Picture
+
+# The step doubles with every so many codes of it.
+STEPS_PER_OCTAVE = 4
+STEP_BITS = 6
+# A decoded magnitude lies below its integer by so much, steps.
+BIAS = 0.08
+# Weight of the colour differences against luma.
+CHROMA_WEIGHT = 0.5
+_NO_DECISIONS = np.zeros((2, 0), np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualTiles:
+    """The quantised residual of a group of frames.
+
+    step_code: of the quantiser.
+    flags: (rows, columns) uint8, 0: the tile has no values, 1: it has, 2: of half the step.
+    values: (rows, columns, frames, TILE_VALUES) int16, in steps.
+    """
+
+    step_code: int
+    flags: Picture
+    values: Integers
+
+    @property
+    def step(self) -> float:
+        """The quantiser's step, grey levels."""
+        return step_size(self.step_code)
+
+
+@dataclass(frozen=True, slots=True)
+class CodedResidual:
+    """The picture residual of the source frames of a frame packet.
+
+    data: not empty.  width, height: of the pictures, pixels.
+    first, frames: the first source frame, and the number of them.
+    """
+
+    data: bytes
+    width: int
+    height: int
+    first: int
+    frames: int
+
+    def parse(self) -> ResidualTiles:
+        """The tiles.  Raises `ProtocolError` if the data is damaged."""
+        return parse_tiles(self.data, self.width, self.height, self.frames)
+
+
+def covered_frames(call: CallParameters, number: int, coded: int) -> range:
+    """The source frames whose residual a frame packet has: those after the packet before.
+
+    number: of the packet within its model.  coded: number of its coded frames.
+    """
+    before = (number - 1) * call.frames_per_packet * call.frame_step
+    first = call.start_frame + (before + 1 if number else 0)
+    return range(first, first + (coded * call.frame_step if number else 1))
+
+
+def step_size(code: int) -> float:
+    """The step of a code, grey levels."""
+    return float(2 ** (code / STEPS_PER_OCTAVE))
+
+
+def tile_grid(width: int, height: int) -> tuple[int, int]:
+    """Rows and columns of the tiles of a picture."""
+    return -(-height // TILE), -(-width // TILE)
+
+
+def parse_tiles(data: bytes, width: int, height: int, frames: int) -> ResidualTiles:
+    """The residual in the bytes of a block that is not empty.
+
+    Raises `ProtocolError` if they are none of `frames` pictures of this size.
+    """
+    coder = RangeDecoder(data)
+    step_code = code_bits(coder, 0, STEP_BITS)
+    flags = np.zeros(tile_grid(width, height), np.uint8)
+    values = np.zeros((*flags.shape, frames, TILE_VALUES), np.int16)
+    with coder.registers() as (read, own):
+        registers = np.zeros(REGISTERS, np.int64)
+        registers[:3] = own
+        probabilities = initial_probabilities().copy()
+        is_valid = code_tiles(read, registers, _NO_DECISIONS, probabilities, flags, values)
+        own[:] = registers[:3]
+    if not is_valid:
+        raise ProtocolError("picture residual: a value is too large")
+    if coder.unread_bytes:
+        raise ProtocolError(f"picture residual: {coder.unread_bytes} bytes too many")
+    return ResidualTiles(step_code, flags, values)
+
+
+def join_payload(block: bytes, face: bytes) -> bytes:
+    """The payload of a frame packet.  block: the bytes of the residual, empty if there is none."""
+    return encode_varint(len(block)) + block + face
+
+
+def split_payload(payload: bytes) -> tuple[bytes, bytes]:
+    """The bytes of the residual, and of the face.  Raises `ProtocolError` if there are too few."""
+    try:
+        length, start = decode_varint(payload)
+    except ValueError as error:
+        raise ProtocolError(f"picture residual: {error}") from error
+    if start + length > len(payload):
+        raise ProtocolError(f"picture residual of {length} bytes in {len(payload) - start}")
+    return payload[start : start + length], payload[start + length :]

@@ -1,0 +1,300 @@
+"""The values of the tiles of a picture residual as decisions of a range coder, in compiled loops.
+
+Encoder and decoder run the same loop: an encoder lists its decisions, a decoder reads them.  All
+contexts adapt as those of `AdaptiveBits` do; they begin with the probabilities of
+`initial_probabilities`, which stand in a file that is part of the format.
+"""
+
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+
+from protocol.entropy.adaptive_models import MAX_COUNT, MIN_PROBABILITY
+from protocol.entropy.compiled_decoding import Bytes, read_bit
+from protocol.entropy.range_coder import PROBABILITY_ONE
+from runtime.jit import jit
+from shared_model.arrays import Integers, Picture
+
+# Side of a tile of luma, and of each of its two colour differences, samples.
+TILE, CHROMA_TILE = 16, 8
+# First value of each plane among the values of a tile at one temporal frequency, and their end.
+PLANE_STARTS = (0, TILE**2, TILE**2 + CHROMA_TILE**2, TILE**2 + 2 * CHROMA_TILE**2)
+TILE_VALUES = PLANE_STARTS[-1]
+# Bits that a context counts for at its start: it adapts no faster than after so many.
+INITIAL_COUNT = 6
+# Magnitudes above this have an escape code.
+UNARY_LIMIT = 14
+LONGEST_ESCAPE = 13
+
+# Classes of planes (luma, colour), of temporal frequencies, of spatial frequencies (the binary
+# length of row + column), and of the magnitudes nearby.
+PLANES, TIMES, FREQUENCIES, NEARBY = 2, 4, 6, 10
+# First context of each kind of decision.
+FLAG = 0  # is a tile coded, by its neighbours to the left, above left, above, above right
+FINE = FLAG + 16  # has it the finer step, by those to the left and above
+PLANE = FINE + 4  # has it values in a plane, by the plane and the same of the tile to the left
+BAND = PLANE + 3 * 3  # has it values at a temporal frequency, by the one before and its class
+REACH = BAND + PLANES * TIMES * 2  # how far its spatial frequencies go
+ZERO = REACH + PLANES * TIMES * FREQUENCIES  # is a value not 0
+MORE = ZERO + PLANES * TIMES * FREQUENCIES * NEARBY  # is it more than 1, 2, 3 and above
+CONTEXTS = MORE + PLANES * NEARBY * 3
+# Registers of the loop: code, range and position of `RangeDecoder`, then decisions listed so far,
+# and whether it lists decisions instead of reading them.
+_COUNT, _LISTS = 3, 4
+REGISTERS = 5
+_EVEN = PROBABILITY_ONE // 2
+
+
+@cache
+def initial_probabilities() -> Integers:
+    """(CONTEXTS,) of a zero in each context, in 1 / 65536."""
+    with files("protocol").joinpath("data/picture_residual.npz").open("rb") as file:
+        return np.load(file)["probabilities"].astype(np.int64)
+
+
+def diagonal_order(side: int) -> Integers:
+    """(side ** 2,) places of the values of a square, by diagonals, each from its top."""
+    rows, columns = np.divmod(np.arange(side**2), side)
+    return np.lexsort((rows, rows + columns)).astype(np.int64)
+
+
+# Places of luma, then of a colour difference.
+ORDERS = np.concatenate([diagonal_order(TILE), diagonal_order(CHROMA_TILE)])
+
+
+@jit
+def code_tiles(
+    data: Bytes,
+    registers: Integers,
+    decisions: Integers,
+    probabilities: Integers,
+    flags: Picture,
+    values: Integers,
+) -> bool:
+    """Code the tiles of a grid; False if a value is too large.
+
+    data, registers: of the range decoder, see above.
+    decisions: (2, n) of an encoder, see `symbol_writing.Decisions`; with a third row, whose values
+        are -1 before, it gets the context of each.
+    probabilities: (CONTEXTS,) at the start; they are adapted.
+    flags: (rows, columns) 0: no values, 1: values, 2: values of the finer step.
+    values: (rows, columns, frames, TILE_VALUES), of tiles without values 0.
+    A decoder writes flags and values, which are 0 before.
+    """
+    counts = np.full(CONTEXTS, INITIAL_COUNT)
+    coder = data, registers, decisions, probabilities, counts
+    planes = np.zeros((flags.shape[1], 3), np.int64)
+    for row in range(flags.shape[0]):
+        for column in range(flags.shape[1]):
+            _code_flags(coder, flags, row, column)
+            if not flags[row, column]:
+                planes[column] = 0
+                continue
+            for plane in range(3):
+                before = planes[column - 1, plane] if column else 0
+                above = planes[column, plane]
+                if not _code_plane(coder, values, row, column, plane, before + above, planes):
+                    return False
+    return True
+
+
+@jit
+def _bit(
+    coder: tuple[Bytes, Integers, Integers, Integers, Integers], context: int, bit: int
+) -> int:
+    """Code a bit in a context, which adapts."""
+    data, registers, decisions, probabilities, counts = coder
+    zero, count = probabilities[context], counts[context]
+    if registers[_LISTS]:
+        decisions[0, registers[_COUNT]], decisions[1, registers[_COUNT]] = bit, zero
+        if len(decisions) > 2:
+            decisions[2, registers[_COUNT]] = context
+        registers[_COUNT] += 1
+    else:
+        bit = read_bit(data, registers, zero)
+    target = 0 if bit else PROBABILITY_ONE
+    zero += (target - zero) * 2 // (2 * count + 4)
+    probabilities[context] = min(max(zero, MIN_PROBABILITY), PROBABILITY_ONE - MIN_PROBABILITY)
+    counts[context] = min(count + 1, MAX_COUNT)
+    return bit
+
+
+@jit
+def _even_bit(coder: tuple[Bytes, Integers, Integers, Integers, Integers], bit: int) -> int:
+    """Code a bit that is as likely 0 as 1."""
+    data, registers, decisions, _, _ = coder
+    if registers[_LISTS]:
+        decisions[0, registers[_COUNT]], decisions[1, registers[_COUNT]] = bit, _EVEN
+        registers[_COUNT] += 1
+        return bit
+    return read_bit(data, registers, _EVEN)
+
+
+@jit
+def _code_flags(
+    coder: tuple[Bytes, Integers, Integers, Integers, Integers],
+    flags: Picture,
+    row: int,
+    column: int,
+) -> None:
+    left = flags[row, column - 1] if column else 0
+    above = flags[row - 1, column] if row else 0
+    above_left = flags[row - 1, column - 1] if row and column else 0
+    above_right = flags[row - 1, column + 1] if row and column + 1 < flags.shape[1] else 0
+    context = 8 * (left > 0) + 4 * (above > 0) + 2 * (above_left > 0) + (above_right > 0)
+    flag = flags[row, column]
+    if not _bit(coder, FLAG + context, 1 if flag else 0):
+        flags[row, column] = 0
+        return
+    fine = _bit(coder, FINE + 2 * (left == 2) + (above == 2), 1 if flag == 2 else 0)
+    flags[row, column] = 1 + fine
+
+
+@jit
+def _code_plane(
+    coder: tuple[Bytes, Integers, Integers, Integers, Integers],
+    values: Integers,
+    row: int,
+    column: int,
+    plane: int,
+    around: int,
+    planes: Integers,
+) -> bool:
+    """Code one plane of a tile.  around: number of neighbours that have values in it."""
+    start = PLANE_STARTS[plane]
+    kind, side = (1, CHROMA_TILE) if plane else (0, TILE)
+    own = values[row, column]
+    has_values = 0
+    if coder[1][_LISTS]:
+        has_values = 1 if np.any(own[:, start : start + side**2]) else 0
+    has_values = _bit(coder, PLANE + 3 * plane + around, has_values)
+    planes[column, plane] = has_values
+    if not has_values:
+        return True
+    before = 0
+    for time in range(own.shape[0]):
+        time_class = class_of_time(time)
+        reach = -1
+        if coder[1][_LISTS]:
+            for place in range(side**2):
+                if own[time, start + place]:
+                    reach = max(reach, place // side + place % side)
+        context = BAND + 2 * (TIMES * kind + time_class) + before
+        before = _bit(coder, context, 1 if reach >= 0 else 0)
+        if not before:
+            continue
+        reach = _code_reach(coder, REACH + FREQUENCIES * (TIMES * kind + time_class), reach)
+        if reach > 2 * (side - 1):
+            return False
+        if not _code_band(coder, values, row, column, time, kind, start, side, reach):
+            return False
+    return True
+
+
+@jit
+def class_of_time(time: int) -> int:
+    """The class of a temporal frequency."""
+    return time if time < 2 else 2 if time < 4 else 3
+
+
+@jit
+def length_of(number: int) -> int:
+    """The binary length of a number; 0 of one below 1."""
+    length = 0
+    while number > 0:
+        number, length = number >> 1, length + 1
+    return length
+
+
+@jit
+def _code_reach(
+    coder: tuple[Bytes, Integers, Integers, Integers, Integers], first: int, reach: int
+) -> int:
+    """Code the last diagonal with a value: its binary length, then the digits after the first."""
+    wanted, length = length_of(reach), 0
+    while length < FREQUENCIES - 1 and _bit(coder, first + length, 1 if wanted > length else 0):
+        length += 1
+    if not length:
+        return 0
+    number = 1
+    for place in range(length - 2, -1, -1):
+        number = 2 * number + _even_bit(coder, reach >> place & 1)
+    return number
+
+
+@jit
+def magnitudes_nearby(
+    values: Integers, row: int, column: int, time: int, start: int, side: int, place: int
+) -> int:
+    """The class of the magnitudes that are known near a value."""
+    u, v = place // side, place % side
+    own, at = values[row, column], start + place
+    total = 0
+    if u:
+        total += 2 * min(abs(own[time, at - side]), 2)
+    if v:
+        total += 2 * min(abs(own[time, at - 1]), 2)
+    if time:
+        total += 2 * min(abs(own[time - 1, at]), 2)
+    if row:
+        total += min(abs(values[row - 1, column, time, at]), 2)
+    if column:
+        total += min(abs(values[row, column - 1, time, at]), 2)
+    return min(total, NEARBY - 1)
+
+
+@jit
+def _code_band(
+    coder: tuple[Bytes, Integers, Integers, Integers, Integers],
+    values: Integers,
+    row: int,
+    column: int,
+    time: int,
+    kind: int,
+    start: int,
+    side: int,
+    reach: int,
+) -> bool:
+    """Code the values of a tile at one temporal frequency, up to diagonal `reach`."""
+    time_class = class_of_time(time)
+    first = 0 if side == TILE else TILE**2
+    own = values[row, column, time]
+    for index in range(side**2):
+        place = ORDERS[first + index]
+        diagonal = place // side + place % side
+        if diagonal > reach:
+            break
+        value = own[start + place]
+        nearby = magnitudes_nearby(values, row, column, time, start, side, place)
+        context = (TIMES * kind + time_class) * FREQUENCIES + min(length_of(diagonal), 5)
+        if not _bit(coder, ZERO + NEARBY * context + nearby, 1 if value else 0):
+            continue
+        magnitude, wanted = 1, abs(value)
+        more = MORE + 3 * (NEARBY * kind + nearby)
+        while magnitude < UNARY_LIMIT and _bit(
+            coder, more + min(magnitude, 3) - 1, 1 if wanted > magnitude else 0
+        ):
+            magnitude += 1
+        if magnitude == UNARY_LIMIT:
+            excess = _code_escape(coder, wanted - UNARY_LIMIT)
+            if excess < 0:
+                return False
+            magnitude += excess
+        own[start + place] = -magnitude if _even_bit(coder, 1 if value < 0 else 0) else magnitude
+    return True
+
+
+@jit
+def _code_escape(coder: tuple[Bytes, Integers, Integers, Integers, Integers], excess: int) -> int:
+    """Code a number >= 0 as `code_exp_golomb` does; -1 if it is too large."""
+    digits = length_of(excess + 1) - 1
+    length = 0
+    while _even_bit(coder, 1 if digits > length else 0):
+        length += 1
+        if length > LONGEST_ESCAPE:
+            return -1
+    number = 1
+    for place in range(length - 1, -1, -1):
+        number = 2 * number + _even_bit(coder, (excess + 1) >> place & 1)
+    return number - 1
