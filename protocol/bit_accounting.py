@@ -21,6 +21,7 @@ from protocol.frames.transform_coding import parse_transform
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, Packet, serialise
+from protocol.picture_residual.residual_block import split_payload
 from protocol.progressive_model import LayerBuffer
 from shared_model.arrays import Array
 from shared_model.parameters import EAUS, LID_EAUS, THESIS_EAUS
@@ -28,6 +29,8 @@ from shared_model.parameters import EAUS, LID_EAUS, THESIS_EAUS
 GROUPS = ("pose", "expression", "lids", "gaze", "layers", "modes")
 # Headers and the rounding to whole bytes; packets that cannot be decoded.
 OVERHEAD, DAMAGED = "overhead", "damaged"
+# The picture residual.
+RESIDUAL = "residual"
 _THESIS_VALUES = {"pose": 6, "expression": len(THESIS_EAUS)}
 
 
@@ -131,11 +134,17 @@ class BitAccounting:
         size = len(packet.payload)
         self._sizes.append(size)
         try:
+            if self._model is not None and self._model.call.has_residual:
+                packet = FramePacket(packet.sequence, split_payload(packet.payload)[1])
+                self._add_group(RESIDUAL, size - len(packet.payload))
             shares = self._shares(packet)
         except ProtocolError:
             shares = {DAMAGED: 1.0}
         for name, share in shares.items():
-            self._groups[name] = self._groups.get(name, 0.0) + share * size
+            self._add_group(name, share * len(packet.payload))
+
+    def _add_group(self, name: str, size: float) -> None:
+        self._groups[name] = self._groups.get(name, 0.0) + size
 
     def _shares(self, packet: FramePacket) -> dict[str, float]:
         if self._model is None:

@@ -1,6 +1,6 @@
 """`risorius.encode`: options are checked, then the encoder runs."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -8,6 +8,7 @@ from encoder.option_rules import check_value, chosen_profile
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.report import EncodeReport
+from shared_model.arrays import Picture
 
 Progress = Callable[[int, int | None], None]
 
@@ -27,8 +28,15 @@ def encode_checked(
                 raise ValueError(f"{name}: {error}") from error
     profile = chosen_profile(settings, lambda name, value: f"{name}={value!r}")
     target = Path(output) if isinstance(output, str) else output
-    options = EncodeOptions(str(source), target, **{**settings, "profile": profile})
+    options = EncodeOptions(str(source), target, draw=draw, **{**settings, "profile": profile})
     return encode(options, progress or _ignore, lambda: False)
+
+
+def draw(stream: BinaryIO) -> Generator[tuple[int, Picture], None, None]:
+    """`decoder.drawn_call.draw_call`, loaded once a call needs it."""
+    from decoder.drawn_call import draw_call
+
+    return draw_call(stream)
 
 
 def _ignore(done: int, total: int | None) -> None:

@@ -20,7 +20,6 @@ from protocol.errors import ProtocolError
 from protocol.frames.frame_times import FrameClock, TimesPacket
 from protocol.limits import FIRST_WINDOW, LATE_WINDOW, SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
-from protocol.picture_residual.residual_block import CodedResidual
 from protocol.packets import (
     ControlKind,
     ControlPacket,
@@ -29,6 +28,7 @@ from protocol.packets import (
     Packet,
     parse_packet,
 )
+from protocol.picture_residual.residual_block import CodedResidual
 from shared_model.geometry import interpolate
 from shared_model.parameters import FaceParameters, with_focal_change
 

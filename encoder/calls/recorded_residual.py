@@ -1,4 +1,4 @@
-"""Adds the picture residual to a recorded call: the call is drawn, and its source read once more."""
+"""Adds the picture residual to a recorded call, which is drawn beside its source."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
@@ -26,7 +26,7 @@ def with_residual(
     frames: Iterable[tuple[int, Picture]],
     bitrate: float,
 ) -> list[EncodedCall]:
-    """The parts of a call, their models whole, with the residual of their pictures in frame packets.
+    """The parts of a call, their models whole, with the picture residual in frame packets.
 
     frames: of the source, from the first on.  bitrate: of frame packets, bits a second.
     Raises `UserError` if the call cannot be drawn.
@@ -37,7 +37,7 @@ def with_residual(
         return [_with_blocks(part, _blocks(part, differences, bitrate)) for part in parts]
 
 
-def _with_blocks(part: EncodedCall, blocks: Sequence[bytes]) -> EncodedCall:
+def _with_blocks(part: EncodedCall, blocks: Iterable[bytes]) -> EncodedCall:
     """A part whose frame packets have these blocks."""
     call = replace(part.model.call, has_residual=True)
     return replace(

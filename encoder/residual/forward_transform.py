@@ -32,7 +32,7 @@ def forward_transform(differences: Single, chroma_weight: float) -> Single:
 
 
 def _transformed(samples: Single, side: int) -> Single:
-    """(rows, columns, frames, side, side) values of a plane (frames, rows * side, columns * side)."""
+    """(rows, columns, frames, side, side) values of the blocks of a plane (frames, h, w)."""
     frames = len(samples)
     dct = dct_matrix(side)
     lapped = _lapped(_lapped(samples, side).swapaxes(1, 2), side)  # columns come first
@@ -41,7 +41,7 @@ def _transformed(samples: Single, side: int) -> Single:
     by_rows = across.reshape(frames, columns, side, rows, side) @ dct.T
     flat = by_rows.reshape(frames, -1)
     in_time = (dct_matrix(frames) @ flat).reshape(frames, columns, side, rows, side)
-    return in_time.transpose(3, 1, 0, 4, 2)
+    return np.asarray(in_time.transpose(3, 1, 0, 4, 2), np.float32)
 
 
 def _lapped(samples: Single, side: int) -> Single:

@@ -27,6 +27,7 @@ from protocol.picture_residual.tile_coding import (
     TIMES,
     UNARY_LIMIT,
     ZERO,
+    TileValues,
     class_of_time,
     initial_probabilities,
     length_of,
@@ -48,7 +49,7 @@ class QuantisedTiles(NamedTuple):
     """flags, values: see `tile_coding.code_tiles`."""
 
     flags: Picture
-    values: Integers
+    values: TileValues
 
 
 def quantise_tiles(values: Single, step: float, is_fine: Mask) -> QuantisedTiles:
@@ -70,7 +71,7 @@ def _quantise(
     p0: Integers,
     bits_of: Array,
     flags: Picture,
-    coded: Integers,
+    coded: TileValues,
 ) -> None:
     for row in range(values.shape[0]):
         for column in range(values.shape[1]):
@@ -99,7 +100,7 @@ def _quantise_plane(
     plane: int,
     p0: Integers,
     bits_of: Array,
-    coded: Integers,
+    coded: TileValues,
 ) -> float:
     """Quantise a plane of a tile; by how much cost has fallen, squared steps."""
     kind, side = (1, CHROMA_TILE) if plane else (0, TILE)
@@ -127,7 +128,7 @@ def _quantise_plane(
     if saved <= 0:
         coded[row, column, :, start : start + side**2] = 0
         return 0.0
-    return saved
+    return float(saved)
 
 
 @jit
@@ -142,7 +143,7 @@ def _quantise_band(
     reach: int,
     p0: Integers,
     bits_of: Array,
-    coded: Integers,
+    coded: TileValues,
 ) -> float:
     """Quantise a plane of a tile at one temporal frequency; by how much cost has fallen."""
     kind = 0 if side == TILE else 1

@@ -22,7 +22,7 @@ from protocol.picture_residual.tile_coding import TILE
 from shared_model.arrays import Array, Mask, Picture, Single
 
 # Below this rate all bits are the faces'; above it they have so much, and this share of the rest.
-FACES_ALONE_BPS, FACES_SHARE = 1200.0, 0.3
+FACES_ALONE_BPS, FACES_SHARE = 1200.0, 0.5
 # A packet may take what it earns and this share of what those before have left.
 SAVED_SHARE = 0.3
 # Codes of the step: the finest, the one tried first, the coarsest; and in how many bits halve.

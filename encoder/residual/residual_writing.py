@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from encoder.picture_coding.symbol_writing import Decisions, DecisionRecorder, range_coded
+from encoder.picture_coding.symbol_writing import DecisionRecorder, Decisions, range_coded
 from protocol.entropy.integer_codes import code_bits
 from protocol.picture_residual.residual_block import STEP_BITS, ResidualTiles
 from protocol.picture_residual.tile_coding import (
@@ -39,4 +39,4 @@ def _most_decisions(tiles: ResidualTiles) -> int:
     """No fewer than the decisions of the tiles."""
     coded = tiles.values[tiles.flags > 0]
     of_values = int(np.minimum(np.abs(coded.astype(np.int64)), 48).sum()) + 2 * coded.size
-    return 2 * tiles.flags.size + of_values + 32 * coded.shape[1] * len(coded) + 64
+    return 2 * int(tiles.flags.size) + of_values + 32 * int(coded.shape[1]) * len(coded) + 64

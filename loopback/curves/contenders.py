@@ -8,6 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from decoder.drawn_call import draw_call
 from decoder.pipeline import DecodeOptions, decode
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.recorded_session import RecordedEncoder, send_call
@@ -15,7 +16,7 @@ from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
 from encoder.options import EncodeOptions
-from encoder.pipeline import encode, first_and_second_pass
+from encoder.pipeline import encode, encode_recorded, first_and_second_pass
 from loopback.curves.points import Point
 from loopback.curves.rivals import (
     Rival,
@@ -172,6 +173,7 @@ def own_points(
             max_frames=len(clip.pictures),
             live=is_live,
             voice="off",
+            draw=draw_call,
         )
         if is_live:
             stage_ms = encode(options, _ignore, _never).stage_ms
@@ -180,7 +182,8 @@ def own_points(
                 trained = {rung.model_bytes: _trained(options)}
             encoder, stats = trained[rung.model_bytes]
             with CallWriter(call) as sink:
-                send_call(encoder.encode(rung.bitrate), PacketSender(sink, stats), None, _never)
+                parts = encode_recorded(encoder, options, stats, _CALLBACKS)
+                send_call(parts, PacketSender(sink, stats), None, _never)
             stage_ms = stats.timer.mean_ms(len(clip.pictures))
         point = _own_point(rung, call, clip, warn)
         times = {name: rounded(ms, 2) for name, ms in stage_ms.items()}
@@ -210,8 +213,7 @@ def _own_point(rung: Rung, call: Path, clip: ClipPictures, warn: Warn) -> Point:
 def _trained(options: EncodeOptions) -> tuple[RecordedEncoder, SessionStats]:
     stats = SessionStats()
     with open_source(options.source, square_pixels=True) as capture:
-        callbacks = SessionCallbacks(_ignore, _never)
-        return first_and_second_pass(options, capture, stats, callbacks), stats
+        return first_and_second_pass(options, capture, stats, _CALLBACKS), stats
 
 
 def _ignore(done: int, total: int | None) -> None:
@@ -220,3 +222,6 @@ def _ignore(done: int, total: int | None) -> None:
 
 def _never() -> bool:
     return False
+
+
+_CALLBACKS = SessionCallbacks(_ignore, _never)

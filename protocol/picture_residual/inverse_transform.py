@@ -58,9 +58,7 @@ class ResidualPictures:
 
 
 @jit
-def _place(
-    places: Integers, blocks: Single, lapping: Single, plane: Single, touched: Mask
-) -> None:
+def _place(places: Integers, blocks: Single, lapping: Single, plane: Single, touched: Mask) -> None:
     """Write the blocks (tiles, side, side) into a plane and filter across their borders.
 
     touched: (rows, columns) tiles where the plane may not be 0; written.

@@ -17,10 +17,11 @@ from protocol.picture_residual.tile_coding import (
     REGISTERS,
     TILE,
     TILE_VALUES,
+    TileValues,
     code_tiles,
     initial_probabilities,
 )
-from shared_model.arrays import Integers, Picture
+from shared_model.arrays import Picture
 
 # The step doubles with every so many codes of it.
 STEPS_PER_OCTAVE = 4
@@ -43,7 +44,7 @@ class ResidualTiles:
 
     step_code: int
     flags: Picture
-    values: Integers
+    values: TileValues
 
     @property
     def step(self) -> float:

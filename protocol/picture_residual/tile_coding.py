@@ -9,6 +9,7 @@ from functools import cache
 from importlib.resources import files
 
 import numpy as np
+from numpy.typing import NDArray
 
 from protocol.entropy.adaptive_models import MAX_COUNT, MIN_PROBABILITY
 from protocol.entropy.compiled_decoding import Bytes, read_bit
@@ -16,6 +17,8 @@ from protocol.entropy.range_coder import PROBABILITY_ONE
 from runtime.jit import jit
 from shared_model.arrays import Integers, Picture
 
+# Values of tiles, in quantiser steps.
+TileValues = NDArray[np.int16]
 # Side of a tile of luma, and of each of its two colour differences, samples.
 TILE, CHROMA_TILE = 16, 8
 # First value of each plane among the values of a tile at one temporal frequency, and their end.
@@ -50,7 +53,8 @@ _EVEN = PROBABILITY_ONE // 2
 def initial_probabilities() -> Integers:
     """(CONTEXTS,) of a zero in each context, in 1 / 65536."""
     with files("protocol").joinpath("data/picture_residual.npz").open("rb") as file:
-        return np.load(file)["probabilities"].astype(np.int64)
+        probabilities: Integers = np.load(file)["probabilities"].astype(np.int64)
+    return probabilities
 
 
 def diagonal_order(side: int) -> Integers:
@@ -70,7 +74,7 @@ def code_tiles(
     decisions: Integers,
     probabilities: Integers,
     flags: Picture,
-    values: Integers,
+    values: TileValues,
 ) -> bool:
     """Code the tiles of a grid; False if a value is too large.
 
@@ -154,7 +158,7 @@ def _code_flags(
 @jit
 def _code_plane(
     coder: tuple[Bytes, Integers, Integers, Integers, Integers],
-    values: Integers,
+    values: TileValues,
     row: int,
     column: int,
     plane: int,
@@ -225,7 +229,7 @@ def _code_reach(
 
 @jit
 def magnitudes_nearby(
-    values: Integers, row: int, column: int, time: int, start: int, side: int, place: int
+    values: TileValues, row: int, column: int, time: int, start: int, side: int, place: int
 ) -> int:
     """The class of the magnitudes that are known near a value."""
     u, v = place // side, place % side
@@ -247,7 +251,7 @@ def magnitudes_nearby(
 @jit
 def _code_band(
     coder: tuple[Bytes, Integers, Integers, Integers, Integers],
-    values: Integers,
+    values: TileValues,
     row: int,
     column: int,
     time: int,

@@ -137,8 +137,8 @@ def _encode(options: "EncodeOptions", stop: StopOnSignal, quiet: bool) -> "Encod
 
 def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink) -> "EncodeOptions":
     from encoder.options import EncodeOptions
-    from decoder.drawn_call import draw_call
     from encoder.thesis.trackers import TrackingOptions
+    from risorius.encoding import draw
 
     over_link = arguments.output is None
     return EncodeOptions(
@@ -149,7 +149,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
         call=link.call,
         security=link.security,
         lossless=arguments.lossless,
-        draw=draw_call,
+        draw=draw,
         profile=profile,
         bitrate=arguments.bitrate,
         startup_bitrate=arguments.startup_bitrate,
