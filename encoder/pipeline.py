@@ -37,7 +37,7 @@ from encoder.option_rules import check_delay
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.report import EncodeReport, report_of
-from encoder.residual.residual_encoder import faces_bitrate, has_residual
+from encoder.residual.residual_encoder import faces_bitrate
 from encoder.sound.open_voice import chosen_voice, open_voice
 from encoder.sound.voice_packer import VoicePacker
 from encoder.thesis.thesis_session import ThesisEncoder
@@ -194,7 +194,7 @@ def encode_recorded(
     progressive: see `RecordedEncoder.encode`; then there is no residual.
     """
     bitrate = options.bitrate
-    if options.draw is None or progressive or not has_residual(bitrate):
+    if options.draw is None or progressive or not encoder.may_have_residual(bitrate):
         return encoder.encode(bitrate, progressive)
     callbacks.on_preparing("picture residual")
     try:

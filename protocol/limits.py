@@ -34,6 +34,10 @@ MAX_FRAMES_PER_PACKET = 64
 MAX_FRAME_STEP = 255
 MAX_FOCAL_PX = 1e6
 
+# Source frames in a frame packet with a picture residual, and values of all its tiles.
+MAX_PICTURE_RESIDUAL_FRAMES = 64
+MAX_PICTURE_RESIDUAL_VALUES = 64 * 1024 * 1024
+
 # Times of source frames: frames in one packet, and ticks from one frame to the next.
 MAX_TIMED_FRAMES = 64
 MAX_TICK_STEP = 2**15 - 2

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from layered_vectors import layered_background, with_layers
+from residual_vectors import with_residuals
 from vector_contents import VECTORS, expected, frames_of
 
 from encoder.picture_coding.picture_encoder import encode_mode, encode_picture
@@ -228,13 +229,15 @@ def main() -> None:
     calls = {
         "call_default": default_call(),
         "call_layers": layered_call(),
+        "call_residual": with_residuals(layered_call()),
         "call_thesis": thesis_call(),
     }
     for name, packets in calls.items():
         data = MAGIC + serialise_records(packets)
         lines = [data.hex()[start : start + 96] for start in range(0, 2 * len(data), 96)]
         (VECTORS / f"{name}.hex").write_text("\n".join(lines) + "\n")
-        text = json.dumps(expected(packets), indent=1)
+        indent = None if name == "call_residual" else 1
+        text = json.dumps(expected(packets), indent=indent)
         (VECTORS / f"{name}.json").write_text(text + "\n")
         print(f"{name}: {len(data)} bytes, {len(packets)} packets")
     for name, reserved in (("frames_default", 0), ("frames_reserved", 6)):

@@ -47,6 +47,7 @@ GOLDEN: dict[str, Packet] = {
     "model_eyelids": replace(MODEL, call=replace(CALL, has_eyelids=True)),
     "model_bt709": replace(MODEL, call=replace(CALL, profile="default", colour_matrix="bt709")),
     "model_voice": replace(MODEL, call=replace(CALL, profile="default", voice="1200")),
+    "model_residual": replace(MODEL, call=replace(CALL, profile="default", has_residual=True)),
     "model_aspect": replace(MODEL, call=replace(CALL, sample_aspect=Fraction(16, 11))),
     "layer": LayerPacket(2, 300, b"a piece"),
     "frame_thesis": FramePacket(63, bytes(range(123, 133))),

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from layered_vectors import decoded_layers
+from residual_vectors import decoded_residuals
 
 from decoder.playout.playout import Playout
 from protocol.frames.payload_coding import parse_payload
@@ -38,6 +39,8 @@ def expected(packets: list[bytes]) -> dict[str, Any]:
         if playout.model is not None and playout.model not in models:
             models.append(playout.model)
     assert playout.ended
+    if models[0].call.has_residual:
+        return {"residuals": decoded_residuals(packets)}
     if is_layered(models[0].background):
         return {"frames": frames, "layers": decoded_layers(models[0])}
     return {"frames": frames, "pictures": _pictures(models[0])}

@@ -100,6 +100,10 @@ class RecordedEncoder:
             for number, call in enumerate(calls)
         ]
 
+    def may_have_residual(self, bitrate: float) -> bool:
+        """Whether the call has bits, and pictures, for a picture residual."""
+        return self._parts[0].may_have_residual(bitrate)
+
     def _new_part(self) -> TwoPassEncoder:
         return TwoPassEncoder(self._capture, self._stats, self._gop)
 

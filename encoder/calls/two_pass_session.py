@@ -33,6 +33,7 @@ from encoder.learning.absence import AbsenceWatch
 from encoder.learning.frame_sampler import DENSE_FRAMES, UniformSubsampler
 from encoder.learning.hidden_faces import HandWatch, SampleHands, without_hands
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
+from encoder.residual.residual_encoder import has_residual
 from protocol.call_parameters import CallParameters
 from protocol.model_packet import ModelPacket
 from runtime.parallel import worker_pool
@@ -281,6 +282,11 @@ class TwoPassEncoder:
         layers = split_into_layers(packet, model.trained.person.appearance.mean, model.background)
         base = layers.base
         return EncodedCall(base, payloads, frames, lost, empty, layers, stopped_at - 1)
+
+    def may_have_residual(self, bitrate: float) -> bool:
+        """See `RecordedEncoder`."""
+        assert self._model is not None
+        return has_residual(bitrate, self._model.call)
 
     def _code(self, values: Array, scale_codes: Picture, bitrate: float) -> tuple[bytes, ...]:
         """Payloads of the frame packets, from the components (t, n) of the coded frames."""

@@ -10,11 +10,13 @@ from encoder.picture_coding.quantiser_search import finest_quantiser_within
 from encoder.residual.forward_transform import forward_transform
 from encoder.residual.quantiser import quantise_tiles
 from encoder.residual.residual_writing import serialise_tiles
+from protocol.call_parameters import CallParameters
 from protocol.entropy.varint import encode_varint
 from protocol.limits import MAX_FRAME_PAYLOAD_BYTES
 from protocol.picture_residual.residual_block import (
     CHROMA_WEIGHT,
     ResidualTiles,
+    fits_limits,
     step_size,
     tile_grid,
 )
@@ -35,9 +37,10 @@ def faces_bitrate(bitrate: float) -> float:
     return min(bitrate, FACES_ALONE_BPS + FACES_SHARE * (bitrate - FACES_ALONE_BPS))
 
 
-def has_residual(bitrate: float) -> bool:
-    """Whether a call of this rate has bits for a residual."""
-    return bitrate > FACES_ALONE_BPS
+def has_residual(bitrate: float, call: CallParameters) -> bool:
+    """Whether a call has bits for a residual, and pictures that may have one."""
+    frames = call.frames_per_packet * call.frame_step
+    return bitrate > FACES_ALONE_BPS and fits_limits(call.width, call.height, frames)
 
 
 class ResidualEncoder:

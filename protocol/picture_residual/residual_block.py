@@ -13,6 +13,7 @@ from protocol.entropy.integer_codes import code_bits
 from protocol.entropy.range_coder import RangeDecoder
 from protocol.entropy.varint import decode_varint, encode_varint
 from protocol.errors import ProtocolError
+from protocol.limits import MAX_PICTURE_RESIDUAL_FRAMES, MAX_PICTURE_RESIDUAL_VALUES
 from protocol.picture_residual.tile_coding import (
     REGISTERS,
     TILE,
@@ -91,11 +92,20 @@ def tile_grid(width: int, height: int) -> tuple[int, int]:
     return -(-height // TILE), -(-width // TILE)
 
 
+def fits_limits(width: int, height: int, frames: int) -> bool:
+    """Whether groups of so many pictures of this size may have a residual."""
+    rows, columns = tile_grid(width, height)
+    values = rows * columns * frames * TILE_VALUES
+    return frames <= MAX_PICTURE_RESIDUAL_FRAMES and values <= MAX_PICTURE_RESIDUAL_VALUES
+
+
 def parse_tiles(data: bytes, width: int, height: int, frames: int) -> ResidualTiles:
     """The residual in the bytes of a block that is not empty.
 
     Raises `ProtocolError` if they are none of `frames` pictures of this size.
     """
+    if not fits_limits(width, height, frames):
+        raise ProtocolError(f"picture residual of {frames} pictures of {width}x{height}")
     coder = RangeDecoder(data)
     step_code = code_bits(coder, 0, STEP_BITS)
     flags = np.zeros(tile_grid(width, height), np.uint8)

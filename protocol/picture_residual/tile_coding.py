@@ -2,11 +2,12 @@
 
 Encoder and decoder run the same loop: an encoder lists its decisions, a decoder reads them.  All
 contexts adapt as those of `AdaptiveBits` do; they begin with the probabilities of
-`initial_probabilities`, which stand in a file that is part of the format.
+`initial_probabilities`.
 """
 
+from collections.abc import Sequence
 from functools import cache
-from importlib.resources import files
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,12 +50,42 @@ REGISTERS = 5
 _EVEN = PROBABILITY_ONE // 2
 
 
+# The odds of a zero before a context adapts, in half octaves: of FLAG, FINE, PLANE and BAND for
+# each context, of the others the sum of these terms.
+FLAG_ODDS = (11, 4, 5, 2, 0, -2, 0, -1, 2, -1, 2, -1, -1, -4, -4, -7)
+FINE_ODDS = (8, -4, -4, -12)
+PLANE_ODDS = (-12, -14, -16, 10, 1, -5, 11, 1, -6)
+BAND_ODDS = (-10, 0, -8, 2, 12, 0, 14, -1, -8, 0, -4, 7, 14, 3, 16, 5)
+REACH_ODDS = {"plane": (0, 8), "length": (-2, -2, 0, 3, 7, 7)}
+ZERO_ODDS = {
+    "plane": (0, -2),
+    "time": (-1, 0, 0, 0),
+    "frequency": (-6, 0, 1, 1, 1, 2),
+    "nearby": (8, 2, 2, 0, 0, -1, -2, -3, -3, -4),
+}
+MORE_ODDS = {"nearby": (4, 2, 2, 0, -1, 0, -1, -1, -2, -2), "reached": (3, 1, -1)}
+
+
 @cache
 def initial_probabilities() -> Integers:
     """(CONTEXTS,) of a zero in each context, in 1 / 65536."""
-    with files("protocol").joinpath("data/picture_residual.npz").open("rb") as file:
-        probabilities: Integers = np.load(file)["probabilities"].astype(np.int64)
-    return probabilities
+    no_times = (0,) * TIMES
+    odds = [
+        *FLAG_ODDS,
+        *FINE_ODDS,
+        *PLANE_ODDS,
+        *BAND_ODDS,
+        *_sums(REACH_ODDS["plane"], no_times, REACH_ODDS["length"]),
+        *_sums(*ZERO_ODDS.values()),
+        *_sums((0,) * PLANES, *MORE_ODDS.values()),
+    ]
+    zeros = np.rint(PROBABILITY_ONE / (1 + 2.0 ** (-np.array(odds) / 2)))
+    return np.clip(zeros, MIN_PROBABILITY, PROBABILITY_ONE - MIN_PROBABILITY).astype(np.int64)
+
+
+def _sums(*terms: Sequence[int]) -> list[int]:
+    """The sums of one of each, the last ones changing fastest."""
+    return [sum(each) for each in product(*terms)]
 
 
 def diagonal_order(side: int) -> Integers:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from fnmatch import fnmatch
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,24 @@ from protocol.frames.value_coding import (
     ZERO_PROBABILITIES,
 )
 from protocol.packets import ControlKind, PacketKind, max_packet_bytes
+from protocol.picture_residual.tile_coding import (
+    BAND,
+    BAND_ODDS,
+    CONTEXTS,
+    FINE,
+    FINE_ODDS,
+    FLAG,
+    FLAG_ODDS,
+    MORE,
+    MORE_ODDS,
+    PLANE,
+    PLANE_ODDS,
+    REACH,
+    REACH_ODDS,
+    ZERO,
+    ZERO_ODDS,
+    initial_probabilities,
+)
 from protocol.pictures.probability_model import WEIGHT_ARRAYS, ProbabilityModels
 from protocol.shape_residual_coding import serialise_residual
 
@@ -214,6 +233,43 @@ def test_a_call_with_layers_decodes_to_what_is_stored() -> None:
     for one, other in zip(found["frames"], stored["frames"], strict=True):
         assert_same_frame(one, other)
         assert len(one["layers"]) == 4
+
+
+def test_a_call_with_residuals_decodes_to_what_is_stored() -> None:
+    packets = list(CallReader(BytesIO(vector("call_residual.hex"))))
+    stored = json.loads((VECTORS / "call_residual.json").read_text())["residuals"]
+    found = expected(packets)["residuals"]
+    for one, other in zip(found, stored, strict=True):
+        np.testing.assert_allclose(one.pop("on_grey"), other.pop("on_grey"), atol=1)
+        assert one == other and len(one["values"]) > 20
+
+
+def test_contexts_of_the_residual_are_those_of_the_page() -> None:
+    starts = {name: int(first) for name, first, *_ in rows("| kind of decision | first |")}
+    assert starts == {
+        "flag": FLAG,
+        "fine": FINE,
+        "plane": PLANE,
+        "band": BAND,
+        "reach": REACH,
+        "zero": ZERO,
+        "more": MORE,
+    }
+    terms = {name: numbers_in(text) for name, text in rows("| kind of decision | k |")}
+    assert terms == {
+        "flag": [*FLAG_ODDS],
+        "fine": [*FINE_ODDS],
+        "plane": [*PLANE_ODDS],
+        "band": [*BAND_ODDS],
+        "reach": [*chain.from_iterable(REACH_ODDS.values())],
+        "zero": [*chain.from_iterable(ZERO_ODDS.values())],
+        "more": [*chain.from_iterable(MORE_ODDS.values())],
+    }
+    assert len(initial_probabilities()) == CONTEXTS
+
+
+def numbers_in(text: str) -> list[int]:
+    return [int(number) for number in re.findall(r"-?\d+", text)]
 
 
 def assert_same_frame(one: dict[str, Any], other: dict[str, Any]) -> None:

@@ -106,7 +106,7 @@ def test_another_kind_of_file_is_named(data: bytes) -> None:
         (encode_varint(2 * MAX_MODEL_PACKET_BYTES + 3), "record of 262145 bytes"),
         (b"\xff\xff\xff\xff", "length of a record is too large"),
         (b"\x81\0x", "length of a record has a byte too many"),
-        (serialise_records([bytes(2000)]), "frame packet of 1999 bytes"),
+        (serialise_records([bytes(9000)]), "frame packet of 8999 bytes"),
         (serialise_records([b"\x80" + bytes(300)]), "too long for its kind"),
     ],
 )

@@ -1,0 +1,145 @@
+"""Recorded calls with bits to spare: what the model does not show is seen all the same."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from call_contents import packets_of, raw_packets
+
+from decoder.drawn_call import draw_call
+from decoder.pipeline import DecodeOptions, DecodeReport, decode
+from decoder.sinks.frame_sink import open_sink
+from encoder.capture.frame_times import exact_fps
+from encoder.capture.video_source import open_source
+from encoder.options import EncodeOptions
+from encoder.pipeline import encode
+from protocol.call_file import CallWriter
+from protocol.model_packet import ModelPacket
+from protocol.packets import FramePacket, parse_packet
+from protocol.summary import summarise
+from shared_model.arrays import Picture
+from shared_model.errors import UserError
+
+FRAMES, BITRATE = 50, 12_000
+# A disc that is held before the collar: frames in which it is there, place, and radius.
+SEEN, X, Y, RADIUS = range(20, 40), 70, 118, 14
+
+
+@pytest.fixture(scope="module")
+def film(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("disc") / "disc.mkv"
+    with open_source(str(carphone)) as capture, open_sink(path, 176, 144, exact_fps(25)) as sink:
+        for index, picture in capture:
+            if index == FRAMES:
+                break
+            shown = picture.copy()
+            if index in SEEN:
+                cv2.circle(shown, (X, Y), RADIUS, (40, 200, 240), -1)
+            sink.write(shown)
+    return path
+
+
+def called(film: Path, call: Path, bitrate: float = BITRATE, with_residual: bool = True) -> None:
+    draw = draw_call if with_residual else None
+    options = EncodeOptions(str(film), call, bitrate=bitrate, model_bytes=9000, draw=draw)
+    encode(options, lambda *_: None, lambda: False)
+
+
+@pytest.fixture(scope="module")
+def call(film: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("residual") / "call.rzo"
+    called(film, path)
+    return path
+
+
+def pictures(path: Path) -> list[Picture]:
+    with open_source(str(path)) as capture:
+        return [picture for _, picture in capture]
+
+
+def decoded(call: Path, folder: Path) -> tuple[list[Picture], DecodeReport]:
+    output = folder / f"{call.stem}.mkv"
+    report = decode(DecodeOptions(call, output=output), lambda *_: None, lambda: False)
+    return pictures(output), report
+
+
+def psnr(one: list[Picture], other: list[Picture]) -> float:
+    difference = np.array(one, np.float64) - np.array(other)
+    return float(10 * np.log10(255**2 / np.mean(difference**2)))
+
+
+def around_disc(shown: list[Picture]) -> list[Picture]:
+    area = slice(Y - RADIUS, Y + RADIUS), slice(X - RADIUS, X + RADIUS)
+    return [shown[frame][area] for frame in SEEN]
+
+
+def test_what_the_model_does_not_know_is_seen(film: Path, call: Path, tmp_path: Path) -> None:
+    plain = tmp_path / "plain.rzo"
+    called(film, plain, with_residual=False)
+    source, (shown, _), (without, _) = (
+        pictures(film),
+        decoded(call, tmp_path),
+        decoded(plain, tmp_path),
+    )
+    assert len(shown) == len(source)
+    assert psnr(shown, source) > psnr(without, source) + 2
+    seen, unseen = (psnr(around_disc(each), around_disc(source)) for each in (shown, without))
+    assert seen > unseen + 6
+
+
+def test_a_call_keeps_to_its_rate_and_says_where_the_bits_are(call: Path) -> None:
+    summary = summarise(call)
+    assert 0.6 * BITRATE < summary.frame_bps <= BITRATE
+    assert summary.groups["residual"] > 0.5 * sum(summary.groups.values())
+    model = packets_of(call)[0]
+    assert isinstance(model, ModelPacket) and model.call.has_residual
+
+
+def test_at_the_usual_rate_there_is_none(film: Path, tmp_path: Path) -> None:
+    called(film, tmp_path / "usual.rzo", bitrate=800)
+    model = packets_of(tmp_path / "usual.rzo")[0]
+    assert isinstance(model, ModelPacket) and not model.call.has_residual
+
+
+def test_a_lost_residual_does_not_stay_in_the_picture(call: Path, tmp_path: Path) -> None:
+    lost = tmp_path / "lost.rzo"
+    numbers = [i for i, data in enumerate(raw_packets(call)) if is_frame(data)]
+    with CallWriter(lost) as writer:
+        for index, data in enumerate(raw_packets(call)):
+            if index != numbers[2]:
+                writer.send(data)
+    (whole, _), (shown, report) = decoded(call, tmp_path), decoded(lost, tmp_path)
+    assert report.lost_packets == 1 and len(shown) == len(whole)
+    # The packet had frames 9 to 16; faces heal within three packets, the residual needs none.
+    assert psnr(shown[33:41], whole[33:41]) > psnr(shown[9:17], whole[9:17]) + 6
+
+
+def is_frame(data: bytes) -> bool:
+    return isinstance(parse_packet(data), FramePacket)
+
+
+def test_a_damaged_residual_is_told_and_the_face_goes_on(call: Path, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged.rzo"
+    packets = raw_packets(call)
+    first = next(i for i, data in enumerate(packets) if is_frame(data) and len(data) > 200)
+    # One byte of the block's length and one behind it: the tiles end too early.
+    body = bytearray(packets[first])
+    body[60:90] = bytes(30)
+    packets[first] = bytes(body)
+    with CallWriter(damaged) as writer:
+        for data in packets:
+            writer.send(data)
+    shown, report = decoded(damaged, tmp_path)
+    assert len(shown) == FRAMES and report.complete
+
+
+def test_where_nothing_can_be_drawn_the_call_is_one_without(film: Path, tmp_path: Path) -> None:
+    def cannot(stream: object) -> None:
+        raise UserError("no EGL here")
+
+    path = tmp_path / "plain.rzo"
+    options = EncodeOptions(str(film), path, bitrate=5000, model_bytes=9000, draw=cannot)  # type: ignore[arg-type]
+    report = encode(options, lambda *_: None, lambda: False)
+    assert any("no EGL here" in warning for warning in report.warnings)
+    assert summarise(path).complete

@@ -1,0 +1,71 @@
+"""The residual keeps to the bits that faces leave, and is the finer the more there are."""
+
+import numpy as np
+import pytest
+
+from encoder.residual.residual_encoder import ResidualEncoder, faces_bitrate, has_residual
+from protocol.call_parameters import CallParameters
+from protocol.picture_residual.inverse_transform import ResidualPictures
+from protocol.picture_residual.residual_block import parse_tiles
+from protocol.pictures.picture_codec import to_luma
+
+WIDTH, HEIGHT, FRAMES = 160, 128, 8
+SECONDS = FRAMES / 25
+OUTLINE = np.array([[40.0, 30], [120, 30], [120, 100], [40, 100]])
+
+
+def differences(seed: int) -> list[np.ndarray]:
+    rng = np.random.default_rng(seed)
+    coarse = rng.normal(0, 25, (HEIGHT // 16, WIDTH // 16, 3))
+    grown = np.kron(coarse, np.ones((16, 16, 1)))
+    return [(grown + rng.normal(0, 4, grown.shape)).astype(np.float32) for _ in range(FRAMES)]
+
+
+def error(data: bytes, wanted: list[np.ndarray]) -> float:
+    """Mean squared error of luma that is left."""
+    drawn = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
+    if not data:
+        return float(np.mean(to_luma(np.array(wanted)) ** 2))
+    pictures = ResidualPictures.from_tiles(parse_tiles(data, WIDTH, HEIGHT, FRAMES))
+    left = [pictures.add_to(drawn, i).astype(np.float32) - 128 - d for i, d in enumerate(wanted)]
+    return float(np.mean(to_luma(np.array(left)) ** 2))
+
+
+@pytest.mark.parametrize("bitrate", [2000, 5000, 16000])
+def test_a_call_keeps_to_its_rate(bitrate: int) -> None:
+    encoder, faces_bits, spent = ResidualEncoder(bitrate, WIDTH, HEIGHT), 200, 0
+    for number in range(12):
+        data = encoder.encode(differences(number), [OUTLINE], SECONDS, faces_bits)
+        spent += 8 * (len(data) + 1) + faces_bits
+    assert 0.6 * bitrate < spent / (12 * SECONDS) <= 1.02 * bitrate
+
+
+def test_more_bits_leave_less_error() -> None:
+    errors = []
+    for bitrate in (1500, 4000, 16000, 60000):
+        encoder = ResidualEncoder(bitrate, WIDTH, HEIGHT)
+        encoder.encode(differences(0), [], SECONDS, 300)
+        errors.append(error(encoder.encode(differences(1), [], SECONDS, 300), differences(1)))
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] < 0.5 * errors[0]
+
+
+def test_the_face_is_finer_than_what_is_around_it() -> None:
+    encoder = ResidualEncoder(30000, WIDTH, HEIGHT)
+    encoder.encode(differences(0), [OUTLINE], SECONDS, 0)
+    data = encoder.encode(differences(1), [OUTLINE], SECONDS, 0)
+    flags = parse_tiles(data, WIDTH, HEIGHT, FRAMES).flags
+    assert (flags[3:5, 4:6] == 2).all() and not (flags[:, -1] == 2).any()
+
+
+def test_without_bits_there_is_none() -> None:
+    encoder = ResidualEncoder(800, WIDTH, HEIGHT)
+    assert encoder.encode(differences(0), [OUTLINE], SECONDS, 800) == b""
+
+
+def test_which_calls_have_one() -> None:
+    call = CallParameters("default", 640, 480, 25, 1, 600.0, frames_per_packet=8)
+    assert not has_residual(800, call) and has_residual(2000, call)
+    huge = CallParameters("default", 8192, 8192, 25, 1, 600.0, frames_per_packet=8)
+    assert not has_residual(30000, huge)
+    assert faces_bitrate(800) == 800 and 1200 < faces_bitrate(5000) < 5000
