@@ -27,7 +27,7 @@ from protocol.link.interface import MessageCallback, PacketSource, ignore_messag
 from protocol.model_packet import ModelPacket
 from protocol.picture_residual.residual_block import CodedResidual
 from protocol.progressive_model import is_same_model
-from shared_model.arrays import Picture
+from shared_model.arrays import Picture, Single
 from shared_model.errors import LINK_FAILED, UserError
 from shared_model.parameters import FaceParameters
 from shared_model.stage_timer import StageTimer
@@ -44,6 +44,7 @@ class DrawnFrame:
 
     frozen: it repeats an older face; lost: its packet is missing.  What is both is shown in grey.
     time_s: of the source frame, seconds from the start of the source.
+    face_area: where the face is, see `Scene.face_area`; None unless asked for.
     """
 
     index: int
@@ -51,6 +52,7 @@ class DrawnFrame:
     frozen: bool
     lost: bool
     time_s: Fraction
+    face_area: Single | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,7 @@ class CallPictures:
     decoded while the frames before it are drawn.
 
     source: of the packets, waits no longer than it is asked to; None: what the options name.
+    with_face_areas: say of each picture where its face is.
     wants: whether to draw the picture of a source frame; who cannot draw all leaves some out.
     While a graphics card draws one picture, the next is prepared.  Attributes `stats`, `timer` and
     `receiver` hold what the report needs; `arrival_s`: `time.monotonic` when the packet came whose
@@ -88,12 +91,14 @@ class CallPictures:
         on_message: MessageCallback = ignore_message,
         source: PacketSource | None = None,
         wants: Callable[[int], bool] = lambda index: True,
+        with_face_areas: bool = False,
     ) -> None:
         self.stats, self.timer = DecodeStats(), StageTimer()
         self.receiver = Receiver(on_damage=self._note_damage)
         self._drawn_ns = 0  # time of all stages until the newest picture was complete
         self._options, self._stop, self._stack = options, stop, ExitStack()
-        self._wants = wants
+        self._wants, self._with_face_areas = wants, with_face_areas
+        self._face_area: Single | None = None  # of the newest frame that is complete, if needed
         self._target = read_model(options.face) if options.face else None
         self._source = self._stack.enter_context(source or open_packet_source(options, on_message))
         self._is_live = source is not None or options.call_file is None
@@ -209,7 +214,7 @@ class CallPictures:
             return
         received, self._submitted = self._submitted, None
         is_first = self._picture is None
-        self._picture = self._scene.read_back(self.timer)
+        self._picture, self._face_area = self._scene.read_back(self.timer), None
         before_ns, self._drawn_ns = self._drawn_ns, self.timer.whole_ns("write")
         if not is_first:
             self.stats.note_drawn((self._drawn_ns - before_ns) / 1e6)
@@ -227,13 +232,21 @@ class CallPictures:
         if frame.residual is not None and self._target is None:
             with self.timer.stage("residual"):
                 picture = self._with_residual(picture, frame, frame.residual)
-        return DrawnFrame(frame.index, picture, frame.frozen, frame.lost, frame.time_s)
+        area = self._area() if self._with_face_areas else None
+        return DrawnFrame(frame.index, picture, frame.frozen, frame.lost, frame.time_s, area)
+
+    def _area(self) -> Single:
+        """Where the face is in the newest picture."""
+        assert self._scene is not None
+        if self._face_area is None:
+            self._face_area = self._scene.face_area()
+        return self._face_area
 
     def _with_residual(
         self, picture: Picture, frame: PlayoutFrame, residual: CodedResidual
     ) -> Picture:
         try:
-            return self._residual.added_to(picture, residual, frame.index)
+            return self._residual.added_to(picture, residual, frame.index, self._area())
         except ProtocolError as error:
             self.stats.note_damage(error, self.receiver, frame.index)
             return picture

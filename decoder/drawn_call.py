@@ -5,14 +5,16 @@ from typing import BinaryIO
 
 from decoder.call_pictures import CallPictures
 from decoder.playout.call_source import CallSource
-from shared_model.arrays import Picture
+from protocol.picture_residual.drawn_picture import DrawnPicture
 
 
-def draw_call(stream: BinaryIO) -> Generator[tuple[int, Picture], None, None]:
-    """Source frame and picture, (h, w, 3) uint8 BGR, of each frame of a call.
+def draw_call(stream: BinaryIO) -> Generator[DrawnPicture, None, None]:
+    """The picture of each frame of a call.
 
     Raises `UserError` if the call cannot be drawn.
     """
-    with CallPictures(CallSource(call_file=stream), lambda: False) as pictures:
+    source = CallSource(call_file=stream)
+    with CallPictures(source, lambda: False, with_face_areas=True) as pictures:
         for frame in pictures:
-            yield frame.index, frame.picture
+            assert frame.face_area is not None
+            yield DrawnPicture(frame.index, frame.picture, frame.face_area)

@@ -8,7 +8,7 @@ from encoder.option_rules import check_value, chosen_profile
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.report import EncodeReport
-from shared_model.arrays import Picture
+from protocol.picture_residual.drawn_picture import DrawnPicture
 
 Progress = Callable[[int, int | None], None]
 
@@ -32,7 +32,7 @@ def encode_checked(
     return encode(options, progress or _ignore, lambda: False)
 
 
-def draw(stream: BinaryIO) -> Generator[tuple[int, Picture], None, None]:
+def draw(stream: BinaryIO) -> Generator[DrawnPicture, None, None]:
     """`decoder.drawn_call.draw_call`, loaded once a call needs it."""
     from decoder.drawn_call import draw_call
 

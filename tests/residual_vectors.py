@@ -17,7 +17,7 @@ from protocol.picture_residual.residual_block import (
     split_payload,
     tile_grid,
 )
-from protocol.picture_residual.tile_coding import TILE_VALUES
+from protocol.picture_residual.tile_coding import SMALL_TILE, values_of_tile
 
 # Coded frames of the frame packets of the call.
 CODED_FRAMES = 1, 4
@@ -27,7 +27,7 @@ def tiles_of(width: int, height: int, frames: int, seed: int) -> ResidualTiles:
     """Tiles with few values, one of them with an escape code."""
     rng = np.random.default_rng(seed)
     flags = rng.integers(0, 3, tile_grid(width, height)).astype(np.uint8)
-    shape = (*flags.shape, frames, TILE_VALUES)
+    shape = (*flags.shape, frames, values_of_tile(SMALL_TILE))
     values = np.rint(rng.laplace(0, 2, shape) * (rng.random(shape) < 0.02)).astype(np.int16)
     values[flags == 0] = 0
     values[*np.argwhere(flags)[0], 0, 0] = -33
@@ -71,6 +71,9 @@ def decoded_residuals(packets: list[bytes]) -> list[dict[str, Any]]:
             ).parse()
             pictures = ResidualPictures.from_tiles(coded)
             grey = np.full((call.height, call.width, 3), 128, np.uint8)
+            # The face is to the left.
+            area = np.zeros(grey.shape[:2], np.float32)
+            area[:, : call.width // 2] = 1
             found.append(
                 {
                     "first": covered.start,
@@ -81,7 +84,7 @@ def decoded_residuals(packets: list[bytes]) -> list[dict[str, Any]]:
                         for place in np.argwhere(coded.values)
                     ],
                     "on_grey": [
-                        pictures.add_to(grey, frame)[call.height // 2].tolist()
+                        pictures.add_to(grey, frame, area)[call.height // 2].tolist()
                         for frame in range(len(covered))
                     ],
                 }

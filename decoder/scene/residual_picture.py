@@ -2,7 +2,7 @@
 
 from protocol.picture_residual.inverse_transform import ResidualPictures
 from protocol.picture_residual.residual_block import CodedResidual
-from shared_model.arrays import Picture
+from shared_model.arrays import Picture, Single
 
 
 class ResidualPicture:
@@ -12,9 +12,12 @@ class ResidualPicture:
         self._coded: CodedResidual | None = None
         self._pictures: ResidualPictures | None = None
 
-    def added_to(self, picture: Picture, coded: CodedResidual, index: int) -> Picture:
+    def added_to(
+        self, picture: Picture, coded: CodedResidual, index: int, face_area: Single
+    ) -> Picture:
         """The picture of source frame `index`, (h, w, 3) uint8 BGR, with its residual.
 
+        face_area: (h, w) see `face_area`.
         Raises `ProtocolError` if the residual is damaged, once; then the picture is as it was.
         """
         if coded is not self._coded:
@@ -23,4 +26,4 @@ class ResidualPicture:
         place = index - coded.first
         if self._pictures is None or not 0 <= place < coded.frames:
             return picture
-        return self._pictures.add_to(picture, place)
+        return self._pictures.add_to(picture, place, face_area)

@@ -11,9 +11,10 @@ import numpy as np
 from decoder.rendering.mouth_shading import mouth_shading
 from decoder.rendering.render_geometry import NEAR_MM
 from decoder.rendering.renderer import Renderer
+from decoder.scene.face_area import face_area
 from decoder.scene.scene_parts import SceneParts
 from protocol.model_packet import ModelPacket
-from shared_model.arrays import Array, Picture
+from shared_model.arrays import Array, Picture, Single
 from shared_model.geometry import camera_from_head
 from shared_model.layers.head_motion import warp
 from shared_model.layers.light import Light
@@ -47,6 +48,7 @@ class Scene:
 
     def __init__(self, parts: SceneParts) -> None:
         size = parts.model.call.width, parts.model.call.height
+        self._submitted: FrameState | None = None
         self._empty: Picture | None = None  # the frame submitted last without the person
         self._renderer = Renderer(*size, parts.head)
         self._own_face = self._face = parts.face
@@ -118,7 +120,7 @@ class Scene:
 
     def submit(self, state: FrameState, timer: StageTimer) -> None:
         """Start drawing a frame; `read_back` returns its picture."""
-        self._empty = None
+        self._empty, self._submitted = None, state
         with timer.stage("render"):
             if state.texture is not None:
                 self._renderer.set_texture(state.texture)
@@ -138,6 +140,12 @@ class Scene:
         """The picture of the frame submitted last, (height, width, 3) uint8 BGR."""
         with timer.stage("render"):
             return self._renderer.read_back()
+
+    def face_area(self) -> Single:
+        """Where the face is in the picture submitted last, see `face_area`."""
+        assert self._submitted is not None
+        state = self._submitted
+        return face_area(self._parts.head, self._camera, state.pose, state.vertices)
 
     def without_person(self, picture: Picture, presence: float) -> Picture:
         """A picture, read back last, of which the person fades: of 0 the scene alone is left.

@@ -16,6 +16,7 @@ from encoder.coding.rate_control import packet_spans
 from encoder.residual.draw_call import DrawCall
 from encoder.residual.residual_encoder import ResidualEncoder
 from protocol.call_file import CallStreamWriter
+from protocol.picture_residual.drawn_picture import DrawnPicture
 from protocol.picture_residual.residual_block import covered_frames, join_payload
 from shared_model.arrays import Picture, Single
 
@@ -59,24 +60,28 @@ class _Differences:
     """The differences of source frames and drawn pictures, to be asked for in order."""
 
     def __init__(
-        self, drawn: Iterator[tuple[int, Picture]], frames: Iterable[tuple[int, Picture]]
+        self, drawn: Iterator[DrawnPicture], frames: Iterable[tuple[int, Picture]]
     ) -> None:
         self._pairs = zip(frames, drawn, strict=False)
         self._newest = -1
 
-    def of(self, wanted: range, without: frozenset[int]) -> list[Single]:
-        """Of the source frames `wanted`, 0 in those `without` a face; fewer at the end."""
-        found = list[Single]()
+    def of(self, wanted: range, without: frozenset[int]) -> tuple[list[Single], list[Single]]:
+        """Of the source frames `wanted`, and their face areas; fewer at the end.
+
+        Differences of those `without` a face are 0.
+        """
+        found, areas = list[Single](), list[Single]()
         while self._newest < wanted[-1]:
             pair = next(self._pairs, None)
             if pair is None:
                 break
-            (self._newest, source), (index, picture) = pair
-            assert index == self._newest
+            (self._newest, source), drawn = pair
+            assert drawn.index == self._newest
             if self._newest in wanted:
-                difference = source.astype(np.float32) - picture
-                found.append(0 * difference if index in without else difference)
-        return found
+                difference = source.astype(np.float32) - drawn.picture
+                found.append(0 * difference if drawn.index in without else difference)
+                areas.append(drawn.face_area)
+        return found, areas
 
 
 def _blocks(part: EncodedCall, differences: _Differences, bitrate: float) -> Iterator[bytes]:
@@ -87,9 +92,8 @@ def _blocks(part: EncodedCall, differences: _Differences, bitrate: float) -> Ite
     spans = packet_spans(coded, call.frames_per_packet)
     for number, (payload, (first, end)) in enumerate(zip(part.payloads, spans, strict=False)):
         covered = covered_frames(call, number, end - first)
-        found = differences.of(covered, part.lost)
+        found, areas = differences.of(covered, part.lost)
         if len(found) < len(covered) or part.lost.issuperset(covered):
             yield b""
             continue
-        outlines = [part.outlines[index] for index in covered if index in part.outlines]
-        yield encoder.encode(found, outlines, len(covered) / call.fps, 8 * (len(payload) + 2))
+        yield encoder.encode(found, areas, len(covered) / call.fps, 8 * (len(payload) + 2))

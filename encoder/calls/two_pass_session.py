@@ -6,9 +6,9 @@ Second pass: the face in every frame that is coded, fitted with that model.
 
 import logging
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import takewhile
 
 import numpy as np
@@ -59,7 +59,6 @@ class EncodedCall:
     frames: number of source frames.  lost: those without a face.  empty: those without anybody, if
         it is known what is behind the person.
     last_face: source frame of the last coded face.
-    outlines: of the face in source frames, (n, 2) pixels.
     """
 
     model: ModelPacket
@@ -69,7 +68,6 @@ class EncodedCall:
     empty: frozenset[int] = frozenset()
     layers: LayeredModel | None = None
     last_face: int = 0
-    outlines: Mapping[int, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,19 +264,7 @@ class TwoPassEncoder:
         lost = frozenset(set(range(start, frames)) - set(self._detection_of))
         empty = lost & self._absence.empty if model.layers is not None else frozenset[int]()
         if not progressive:
-            outlines = {
-                index: face_outline(self._points[detection])
-                for index, detection in self._detection_of.items()
-            }
-            return EncodedCall(
-                packet,
-                payloads,
-                frames,
-                lost,
-                empty,
-                last_face=stopped_at - 1,
-                outlines=outlines,
-            )
+            return EncodedCall(packet, payloads, frames, lost, empty, last_face=stopped_at - 1)
         layers = split_into_layers(packet, model.trained.person.appearance.mean, model.background)
         base = layers.base
         return EncodedCall(base, payloads, frames, lost, empty, layers, stopped_at - 1)

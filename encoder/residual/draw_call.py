@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator
 from typing import BinaryIO
 
-from shared_model.arrays import Picture
+from protocol.picture_residual.drawn_picture import DrawnPicture
 
-# A call in a stream -> source frame and picture (h, w, 3) uint8 BGR of each frame, in order.
-DrawCall = Callable[[BinaryIO], Generator[tuple[int, Picture], None, None]]
+# A call in a stream -> the picture of each frame, in order.
+DrawCall = Callable[[BinaryIO], Generator[DrawnPicture, None, None]]

@@ -3,30 +3,31 @@
 import numpy as np
 
 from protocol.picture_residual.block_transform import dct_matrix, lapping_matrix
-from protocol.picture_residual.tile_coding import CHROMA_TILE, PLANE_STARTS, TILE, TILE_VALUES
+from protocol.picture_residual.residual_block import tile_grid, tile_side
+from protocol.picture_residual.tile_coding import plane_start, values_of_tile
 from protocol.pictures.picture_codec import to_planes
 from shared_model.arrays import Single
 
 
 def forward_transform(differences: Single, chroma_weight: float) -> Single:
-    """(rows, columns, frames, TILE_VALUES) values of the tiles of differences (frames, h, w, 3).
+    """(rows, columns, frames, values) of the tiles of differences (frames, h, w, 3).
 
     differences: BGR, source less drawn picture.  chroma_weight: see `to_planes`.
     """
     frames, height, width = differences.shape[:3]
-    rows, columns = -(-height // TILE), -(-width // TILE)
+    (rows, columns), tile = tile_grid(width, height), tile_side(width, height)
     planes = to_planes(differences, chroma_weight)
-    padding = [(0, 0), (0, rows * TILE - height), (0, columns * TILE - width), (0, 0)]
+    padding = [(0, 0), (0, rows * tile - height), (0, columns * tile - width), (0, 0)]
     planes = np.pad(planes, padding, mode="edge")
-    values = np.empty((rows, columns, frames, TILE_VALUES), np.float32)
+    values = np.empty((rows, columns, frames, values_of_tile(tile)), np.float32)
     for plane in range(3):
-        side, samples = TILE, planes[..., plane]
+        side, samples = tile, planes[..., plane]
         if plane:
-            side = CHROMA_TILE
+            side = tile // 2
             halved = samples.reshape(frames, rows * side, 2, columns * side, 2)
             samples = halved.mean((2, 4))
         blocks = _transformed(np.ascontiguousarray(samples), side)
-        start = PLANE_STARTS[plane]
+        start = plane_start(plane, tile)
         values[..., start : start + side**2] = blocks.reshape(rows, columns, frames, side**2)
     return values
 

@@ -14,16 +14,13 @@ from protocol.entropy.range_coder import PROBABILITY_ONE
 from protocol.picture_residual.residual_block import BIAS
 from protocol.picture_residual.tile_coding import (
     BAND,
-    CHROMA_TILE,
     FLAG,
     FREQUENCIES,
     MORE,
     NEARBY,
     ORDERS,
     PLANE,
-    PLANE_STARTS,
     REACH,
-    TILE,
     TIMES,
     UNARY_LIMIT,
     ZERO,
@@ -32,6 +29,9 @@ from protocol.picture_residual.tile_coding import (
     initial_probabilities,
     length_of,
     magnitudes_nearby,
+    order_start,
+    plane_start,
+    side_of,
 )
 from runtime.jit import jit
 from shared_model.arrays import Array, Integers, Mask, Picture, Single
@@ -53,7 +53,7 @@ class QuantisedTiles(NamedTuple):
 
 
 def quantise_tiles(values: Single, step: float, is_fine: Mask) -> QuantisedTiles:
-    """Quantise the values (rows, columns, frames, TILE_VALUES) of a group.
+    """Quantise the values (rows, columns, frames, `values_of_tile`) of a group.
 
     is_fine: (rows, columns) tiles with half the step.
     """
@@ -103,8 +103,9 @@ def _quantise_plane(
     coded: TileValues,
 ) -> float:
     """Quantise a plane of a tile; by how much cost has fallen, squared steps."""
-    kind, side = (1, CHROMA_TILE) if plane else (0, TILE)
-    start, saved, before = PLANE_STARTS[plane], 0.0, 0
+    tile = side_of(values.shape[1])
+    kind, side = (1, tile // 2) if plane else (0, tile)
+    start, saved, before = plane_start(plane, tile), 0.0, 0
     for time in range(values.shape[0]):
         reach = -1
         for place in range(side**2):
@@ -115,7 +116,7 @@ def _quantise_plane(
         if reach < 0:
             continue
         gain = _quantise_band(
-            values[time], step, row, column, time, start, side, reach, p0, bits_of, coded
+            values[time], step, row, column, time, start, kind, side, reach, p0, bits_of, coded
         )
         gain -= LAGRANGIAN * (bits_of[PROBABILITY_ONE - p0[context]] - bits_of[p0[context]])
         if gain > 0:
@@ -139,6 +140,7 @@ def _quantise_band(
     column: int,
     time: int,
     start: int,
+    kind: int,
     side: int,
     reach: int,
     p0: Integers,
@@ -146,8 +148,7 @@ def _quantise_band(
     coded: TileValues,
 ) -> float:
     """Quantise a plane of a tile at one temporal frequency; by how much cost has fallen."""
-    kind = 0 if side == TILE else 1
-    first = 0 if side == TILE else TILE**2
+    first = order_start(side)
     classes = TIMES * kind + class_of_time(time)
     saved, best, best_index = 0.0, 0.0, -1
     own = coded[row, column, time]

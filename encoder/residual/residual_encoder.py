@@ -19,14 +19,17 @@ from protocol.picture_residual.residual_block import (
     fits_limits,
     step_size,
     tile_grid,
+    tile_side,
 )
-from protocol.picture_residual.tile_coding import TILE
-from shared_model.arrays import Array, Mask, Picture, Single
+from shared_model.arrays import Mask, Single
 
 # Below this rate all bits are the faces'; above it they have so much, and this share of the rest.
 FACES_ALONE_BPS, FACES_SHARE = 1200.0, 0.5
 # A packet may take what it earns and this share of what those before have left.
 SAVED_SHARE = 0.3
+# A tile is fine if this share of it is face.  Around the face, differences are continued into it by
+# means over so many tiles, where so much of them is not face.
+FACE_SHARE, EXTENSION_TILES, MIN_SHARE = 0.7, 1, 0.05
 # Codes of the step: the finest, the one tried first, the coarsest; and in how many bits halve.
 FINEST, INITIAL, COARSEST = 8, 32, 44
 CODES_PER_HALVING = 2.5
@@ -57,14 +60,14 @@ class ResidualEncoder:
     def encode(
         self,
         differences: Sequence[Single],
-        outlines: Sequence[Array],
+        face_areas: Sequence[Single],
         seconds: float,
         faces_bits: float,
     ) -> bytes:
         """The residual of a packet; empty: it has none.
 
         differences: (h, w, 3) BGR of each source frame, source less drawn picture.
-        outlines: of the face in some of them, (n, 2) pixels: what is coded more finely.
+        face_areas: (h, w) of each, see `DrawnPicture`: what is coded more finely.
         seconds: of the call.  faces_bits: what the packet has besides.
         """
         earned = self._bitrate * seconds - faces_bits
@@ -73,8 +76,11 @@ class ResidualEncoder:
         limit = min(limit, 8 * (MAX_FRAME_PAYLOAD_BYTES // 2))
         if limit < 8:
             return b""
-        values = forward_transform(np.stack(differences), CHROMA_WEIGHT)
-        is_fine = _tiles_within(outlines, *self._size)
+        is_fine = _tiles_within(np.mean(face_areas, axis=0), *self._size)
+        around = list(map(_extended, differences, face_areas))
+        values = forward_transform(np.stack(around), CHROMA_WEIGHT)
+        if is_fine.any():
+            values[is_fine] = forward_transform(np.stack(differences), CHROMA_WEIGHT)[is_fine]
 
         def code(step_code: int) -> bytes:
             quantised = quantise_tiles(values, step_size(step_code), is_fine)
@@ -94,12 +100,20 @@ def _bits_of(data: bytes) -> int:
     return 8 * (len(encode_varint(len(data))) + len(data))
 
 
-def _tiles_within(outlines: Sequence[Array], width: int, height: int) -> Mask:
-    """(rows, columns) the tiles whose centres are in one of some polygons (n, 2), pixels."""
-    rows, columns = tile_grid(width, height)
-    inside: Picture = np.zeros((rows, columns), np.uint8)
-    for outline in outlines:
-        # A pixel of the small picture is a tile: its centre is that of the tile.
-        points = np.rint(outline[:, :2] / TILE - 0.5).astype(np.int32)
-        cv2.fillPoly(inside, [points], 1)
-    return np.asarray(inside > 0)
+def _tiles_within(face_area: Single, width: int, height: int) -> Mask:
+    """(rows, columns) the tiles that are in a face, or more in it than not."""
+    (rows, columns), side = tile_grid(width, height), tile_side(width, height)
+    whole = np.zeros((rows * side, columns * side), np.float32)
+    whole[:height, :width] = face_area
+    share = whole.reshape(rows, side, columns, side).mean((1, 3))
+    return np.asarray(share > FACE_SHARE)
+
+
+def _extended(difference: Single, face_area: Single) -> Single:
+    """A difference (h, w, 3) around a face, continued smoothly into it, where it is not added."""
+    side = EXTENSION_TILES * tile_side(difference.shape[1], difference.shape[0]) + 1
+    weight = (1 - face_area)[..., None]
+    kept = weight * difference
+    total = cv2.blur(kept, (side, side))
+    share = cv2.blur(weight, (side, side))[..., None]
+    return np.asarray(kept + (1 - weight) * total / np.maximum(share, MIN_SHARE), np.float32)

@@ -6,12 +6,11 @@ import numpy as np
 
 from protocol.picture_residual.block_transform import dct_matrix, lapping_matrix
 from protocol.picture_residual.residual_block import BIAS, CHROMA_WEIGHT, ResidualTiles
-from protocol.picture_residual.tile_coding import CHROMA_TILE, PLANE_STARTS, TILE
+from protocol.picture_residual.tile_coding import plane_start
 from protocol.pictures.picture_codec import LUMA_BGR
 from runtime.jit import jit
 from shared_model.arrays import Integers, Mask, Picture, Single
 
-_SIDES = TILE, CHROMA_TILE, CHROMA_TILE
 _BLUE, _GREEN, _RED = map(np.float32, LUMA_BGR)
 
 
@@ -19,7 +18,8 @@ _BLUE, _GREEN, _RED = map(np.float32, LUMA_BGR)
 class ResidualPictures:
     """The residual of a group of frames, before it is filtered across the borders of tiles.
 
-    places: (rows, columns) index of each tile that has values, -1 of the others.
+    places: (2, rows, columns) index of each tile that has values, -1 of the others; of those with
+        the whole step, then of fine ones.
     blocks: of each plane (frames, tiles, side, side).
     """
 
@@ -38,22 +38,30 @@ class ResidualPictures:
         frames = values.shape[1]
         in_time = np.tensordot(dct_matrix(frames), values, (0, 1))
         blocks = []
-        for plane, side in enumerate(_SIDES):
-            start, dct = PLANE_STARTS[plane], dct_matrix(side)
+        for plane in range(3):
+            side = tiles.side // 2 if plane else tiles.side
+            start, dct = plane_start(plane, tiles.side), dct_matrix(side)
             own = in_time[..., start : start + side**2].reshape(frames, -1, side, side)
             blocks.append(dct.T @ own @ dct)
-        return cls(places.astype(np.int64), tuple(blocks))
+        of_kinds = [np.where(tiles.flags == kind, places, -1) for kind in (1, 2)]
+        return cls(np.array(of_kinds, np.int64), tuple(blocks))
 
-    def add_to(self, picture: Picture, frame: int) -> Picture:
-        """A picture (h, w, 3) uint8 BGR with the residual of a frame of the group."""
-        rows, columns = self.places.shape
-        planes, touched = [], np.zeros(self.places.shape, np.bool_)
-        for blocks, side in zip(self.blocks, _SIDES, strict=True):
-            plane = np.zeros((rows * side, columns * side), np.float32)
-            _place(self.places, blocks[frame], lapping_matrix(side), plane, touched)
-            planes.append(plane)
+    def add_to(self, picture: Picture, frame: int, face_area: Single) -> Picture:
+        """A picture (h, w, 3) uint8 BGR with the residual of a frame of the group.
+
+        face_area: (h, w) where the face is: there fine tiles alone are added.
+        """
+        _, rows, columns = self.places.shape
+        touched, sums = np.zeros((rows, columns), np.bool_), list[Single]()
+        for blocks in self.blocks:
+            side = blocks.shape[-1]
+            kinds = np.zeros((2, rows * side, columns * side), np.float32)
+            for places, plane in zip(self.places, kinds, strict=True):
+                if places.max() >= 0:
+                    _place(places, blocks[frame], lapping_matrix(side), plane, touched)
+            sums += [*kinds]
         result = picture.copy()
-        _add(result, touched, *planes)
+        _add(result, touched, self.blocks[0].shape[-1], face_area, *sums)
         return result
 
 
@@ -113,8 +121,22 @@ def _filter_rows(lapping: Single, samples: Single) -> None:
 
 
 @jit
-def _add(picture: Picture, touched: Mask, luma: Single, first: Single, second: Single) -> None:
-    """Add luma and colour differences to a picture (h, w, 3), BGR, in the tiles that they touch."""
+def _add(
+    picture: Picture,
+    touched: Mask,
+    side: int,
+    face_area: Single,
+    luma: Single,
+    fine_luma: Single,
+    first: Single,
+    fine_first: Single,
+    second: Single,
+    fine_second: Single,
+) -> None:
+    """Add luma and colour differences to a picture (h, w, 3), BGR, in the tiles that they touch.
+
+    Those that are not of fine tiles are multiplied by 1 - `face_area`.
+    """
     height, width = picture.shape[0], picture.shape[1]
     half, low, high = np.float32(0.5), np.float32(0), np.float32(255)
     per_weight = np.float32(1 / CHROMA_WEIGHT)
@@ -122,11 +144,13 @@ def _add(picture: Picture, touched: Mask, luma: Single, first: Single, second: S
         for column in range(touched.shape[1]):
             if not touched[row, column]:
                 continue
-            for i in range(row * TILE, min((row + 1) * TILE, height)):
-                for j in range(column * TILE, min((column + 1) * TILE, width)):
-                    y = luma[i, j]
-                    blue = y + per_weight * first[i // 2, j // 2]
-                    red = y + per_weight * second[i // 2, j // 2]
+            for i in range(row * side, min((row + 1) * side, height)):
+                for j in range(column * side, min((column + 1) * side, width)):
+                    around = np.float32(1) - face_area[i, j]
+                    y = around * luma[i, j] + fine_luma[i, j]
+                    blue = around * first[i // 2, j // 2] + fine_first[i // 2, j // 2]
+                    red = around * second[i // 2, j // 2] + fine_second[i // 2, j // 2]
+                    blue, red = y + per_weight * blue, y + per_weight * red
                     green = (y - _BLUE * blue - _RED * red) / _GREEN
                     pixel = picture[i, j]
                     pixel[0] = np.uint8(min(max(pixel[0] + blue + half, low), high))

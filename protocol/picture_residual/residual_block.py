@@ -15,15 +15,19 @@ from protocol.entropy.varint import decode_varint, encode_varint
 from protocol.errors import ProtocolError
 from protocol.limits import MAX_PICTURE_RESIDUAL_FRAMES, MAX_PICTURE_RESIDUAL_VALUES
 from protocol.picture_residual.tile_coding import (
+    LARGE_TILE,
     REGISTERS,
-    TILE,
-    TILE_VALUES,
+    SMALL_TILE,
     TileValues,
     code_tiles,
     initial_probabilities,
+    side_of,
+    values_of_tile,
 )
 from shared_model.arrays import Picture
 
+# Pictures of so many pixels a side have small tiles: a face is a few tiles across.
+MAX_SMALL_PX = 480
 # The step doubles with every so many codes of it.
 STEPS_PER_OCTAVE = 4
 STEP_BITS = 6
@@ -40,7 +44,7 @@ class ResidualTiles:
 
     step_code: of the quantiser.
     flags: (rows, columns) uint8, 0: the tile has no values, 1: it has, 2: of half the step.
-    values: (rows, columns, frames, TILE_VALUES) int16, in steps.
+    values: (rows, columns, frames, `values_of_tile`) int16, in steps.
     """
 
     step_code: int
@@ -51,6 +55,11 @@ class ResidualTiles:
     def step(self) -> float:
         """The quantiser's step, grey levels."""
         return step_size(self.step_code)
+
+    @property
+    def side(self) -> int:
+        """Side of a tile of luma."""
+        return side_of(self.values.shape[-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,15 +96,21 @@ def step_size(code: int) -> float:
     return float(2 ** (code / STEPS_PER_OCTAVE))
 
 
+def tile_side(width: int, height: int) -> int:
+    """Side of the tiles of a picture."""
+    return SMALL_TILE if max(width, height) <= MAX_SMALL_PX else LARGE_TILE
+
+
 def tile_grid(width: int, height: int) -> tuple[int, int]:
     """Rows and columns of the tiles of a picture."""
-    return -(-height // TILE), -(-width // TILE)
+    side = tile_side(width, height)
+    return -(-height // side), -(-width // side)
 
 
 def fits_limits(width: int, height: int, frames: int) -> bool:
     """Whether groups of so many pictures of this size may have a residual."""
     rows, columns = tile_grid(width, height)
-    values = rows * columns * frames * TILE_VALUES
+    values = rows * columns * frames * values_of_tile(tile_side(width, height))
     return frames <= MAX_PICTURE_RESIDUAL_FRAMES and values <= MAX_PICTURE_RESIDUAL_VALUES
 
 
@@ -109,7 +124,8 @@ def parse_tiles(data: bytes, width: int, height: int, frames: int) -> ResidualTi
     coder = RangeDecoder(data)
     step_code = code_bits(coder, 0, STEP_BITS)
     flags = np.zeros(tile_grid(width, height), np.uint8)
-    values = np.zeros((*flags.shape, frames, TILE_VALUES), np.int16)
+    of_tile = values_of_tile(tile_side(width, height))
+    values = np.zeros((*flags.shape, frames, of_tile), np.int16)
     with coder.registers() as (read, own):
         registers = np.zeros(REGISTERS, np.int64)
         registers[:3] = own

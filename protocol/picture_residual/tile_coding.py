@@ -20,11 +20,8 @@ from shared_model.arrays import Integers, Picture
 
 # Values of tiles, in quantiser steps.
 TileValues = NDArray[np.int16]
-# Side of a tile of luma, and of each of its two colour differences, samples.
-TILE, CHROMA_TILE = 16, 8
-# First value of each plane among the values of a tile at one temporal frequency, and their end.
-PLANE_STARTS = (0, TILE**2, TILE**2 + CHROMA_TILE**2, TILE**2 + 2 * CHROMA_TILE**2)
-TILE_VALUES = PLANE_STARTS[-1]
+# Sides of a tile of luma in small and in other pictures, samples; a colour difference has half.
+SMALL_TILE, LARGE_TILE = 8, 16
 # Bits that a context counts for at its start: it adapts no faster than after so many.
 INITIAL_COUNT = 6
 # Magnitudes above this have an escape code.
@@ -94,8 +91,34 @@ def diagonal_order(side: int) -> Integers:
     return np.lexsort((rows, rows + columns)).astype(np.int64)
 
 
-# Places of luma, then of a colour difference.
-ORDERS = np.concatenate([diagonal_order(TILE), diagonal_order(CHROMA_TILE)])
+# The orders of all sides, one after the other.
+_SIDES = LARGE_TILE, SMALL_TILE, SMALL_TILE // 2
+ORDERS = np.concatenate([diagonal_order(side) for side in _SIDES])
+
+
+def values_of_tile(side: int) -> int:
+    """Values of a tile at one temporal frequency: luma, then two colour differences."""
+    return side**2 + 2 * (side // 2) ** 2
+
+
+@jit
+def plane_start(plane: int, side: int) -> int:
+    """Number of the first value of a plane.  side: of the tile."""
+    return side**2 + (plane - 1) * (side // 2) ** 2 if plane else 0
+
+
+@jit
+def order_start(side: int) -> int:
+    """Where the order of a side begins in `ORDERS`."""
+    if side == LARGE_TILE:
+        return 0
+    return LARGE_TILE**2 if side == SMALL_TILE else LARGE_TILE**2 + SMALL_TILE**2
+
+
+@jit
+def side_of(values: int) -> int:
+    """The side of a tile with so many values."""
+    return SMALL_TILE if 2 * values == 3 * SMALL_TILE**2 else LARGE_TILE
 
 
 @jit
@@ -114,7 +137,7 @@ def code_tiles(
         are -1 before, it gets the context of each.
     probabilities: (CONTEXTS,) at the start; they are adapted.
     flags: (rows, columns) 0: no values, 1: values, 2: values of the finer step.
-    values: (rows, columns, frames, TILE_VALUES), of tiles without values 0.
+    values: (rows, columns, frames, `values_of_tile`), of tiles without values 0.
     A decoder writes flags and values, which are 0 before.
     """
     counts = np.full(CONTEXTS, INITIAL_COUNT)
@@ -197,8 +220,9 @@ def _code_plane(
     planes: Integers,
 ) -> bool:
     """Code one plane of a tile.  around: number of neighbours that have values in it."""
-    start = PLANE_STARTS[plane]
-    kind, side = (1, CHROMA_TILE) if plane else (0, TILE)
+    tile = side_of(values.shape[3])
+    start = plane_start(plane, tile)
+    kind, side = (1, tile // 2) if plane else (0, tile)
     own = values[row, column]
     has_values = 0
     if coder[1][_LISTS]:
@@ -293,7 +317,7 @@ def _code_band(
 ) -> bool:
     """Code the values of a tile at one temporal frequency, up to diagonal `reach`."""
     time_class = class_of_time(time)
-    first = 0 if side == TILE else TILE**2
+    first = order_start(side)
     own = values[row, column, time]
     for index in range(side**2):
         place = ORDERS[first + index]

@@ -18,7 +18,7 @@ from protocol.picture_residual.residual_block import (
     split_payload,
     tile_grid,
 )
-from protocol.picture_residual.tile_coding import TILE_VALUES
+from protocol.picture_residual.tile_coding import SMALL_TILE, values_of_tile
 
 WIDTH, HEIGHT = 70, 33
 
@@ -27,7 +27,7 @@ def tiles(seed: int, frames: int, density: float, size: float) -> ResidualTiles:
     """Some tiles with some values; magnitudes are about `size`, some far larger."""
     rng = np.random.default_rng(seed)
     flags = rng.integers(0, 3, tile_grid(WIDTH, HEIGHT)).astype(np.uint8)
-    shape = (*flags.shape, frames, TILE_VALUES)
+    shape = (*flags.shape, frames, values_of_tile(SMALL_TILE))
     values = np.rint(rng.laplace(0, size, shape) * (rng.random(shape) < density)).astype(np.int16)
     values[rng.random(shape) < 1e-4] = -9000
     values[flags == 0] = 0
@@ -46,7 +46,9 @@ def test_what_is_written_is_read(frames: int, density: float, size: float) -> No
 
 
 def test_nothing_takes_no_bytes() -> None:
-    empty = ResidualTiles(9, np.zeros((3, 5), np.uint8), np.zeros((3, 5, 8, TILE_VALUES), np.int16))
+    empty = ResidualTiles(
+        9, np.zeros((3, 5), np.uint8), np.zeros((3, 5, 8, values_of_tile(SMALL_TILE)), np.int16)
+    )
     assert serialise_tiles(empty) == b""
 
 
