@@ -14,7 +14,6 @@ from protocol.call_parameters import CallParameters
 from protocol.entropy.varint import encode_varint
 from protocol.limits import MAX_FRAME_PAYLOAD_BYTES
 from protocol.picture_residual.residual_block import (
-    CHROMA_WEIGHT,
     ResidualTiles,
     fits_limits,
     step_size,
@@ -78,9 +77,9 @@ class ResidualEncoder:
             return b""
         is_fine = _tiles_within(np.mean(face_areas, axis=0), *self._size)
         around = list(map(_extended, differences, face_areas))
-        values = forward_transform(np.stack(around), CHROMA_WEIGHT)
+        values = forward_transform(around)
         if is_fine.any():
-            values[is_fine] = forward_transform(np.stack(differences), CHROMA_WEIGHT)[is_fine]
+            values[is_fine] = forward_transform(differences)[is_fine]
 
         def code(step_code: int) -> bytes:
             quantised = quantise_tiles(values, step_size(step_code), is_fine)
