@@ -219,7 +219,8 @@ def _add_rates(parser: argparse.ArgumentParser) -> None:
         default=800.0,
         metavar="BPS",
         help="default profile: bits a second of frame packets with their heads and their lengths in"
-        " a call file, more than 0 (default: %(default)g)",
+        " a call file, more than 0; recorded, from 1200 on a part is for what the model does not"
+        " show, with --model-bytes 30000 and more (default: %(default)g)",
     )
     parser.add_argument(
         "--fps",
