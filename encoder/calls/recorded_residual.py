@@ -88,7 +88,7 @@ def _blocks(part: EncodedCall, differences: _Differences, bitrate: float) -> Ite
     """The block of each frame packet."""
     call = part.model.call
     encoder = ResidualEncoder(bitrate, call.width, call.height)
-    coded = len(range(call.start_frame, part.frames, call.frame_step))
+    coded = len(range(call.start_frame, part.last_face + 1, call.frame_step))
     spans = packet_spans(coded, call.frames_per_packet)
     for number, (payload, (first, end)) in enumerate(zip(part.payloads, spans, strict=False)):
         covered = covered_frames(call, number, end - first)

@@ -115,6 +115,18 @@ def test_a_lost_residual_does_not_stay_in_the_picture(call: Path, tmp_path: Path
     assert psnr(shown[33:41], whole[33:41]) > psnr(shown[9:17], whole[9:17]) + 6
 
 
+def test_a_face_that_leaves_takes_its_residual_along(carphone: Path, tmp_path: Path) -> None:
+    path, call = tmp_path / "leaves.mkv", tmp_path / "leaves.rzo"
+    with open_source(str(carphone)) as capture, open_sink(path, 176, 144, exact_fps(25)) as sink:
+        for index, picture in capture:
+            if index == 45:
+                break
+            sink.write(picture if index < 30 else np.full_like(picture, 90))
+    called(path, call)
+    shown, report = decoded(call, tmp_path)
+    assert len(shown) == 45 and not any("damaged" in warning for warning in report.warnings)
+
+
 def is_frame(data: bytes) -> bool:
     return isinstance(parse_packet(data), FramePacket)
 
