@@ -7,7 +7,7 @@
 Each is a session of `encoder.calls`; thesis and live ones are a `CallSession`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import replace
 
@@ -47,6 +47,9 @@ from runtime.parallel import one_blas_thread, short_switch_interval
 from shared_model.arrays import Array, Picture
 from shared_model.errors import NO_FACE, UserError
 from shared_model.mesh import generic_head
+
+# The user is told of every so many frames of the third pass.
+TOLD_INTERVAL = 25
 
 
 def encode(
@@ -200,12 +203,24 @@ def encode_recorded(
     try:
         with open_source(options.source, square_pixels=True) as capture, stats.stage("residual"):
             faces = encoder.encode(faces_bitrate(bitrate))
-            return with_residual(faces, options.draw, capture, bitrate)
+            return with_residual(
+                faces, options.draw, _told(capture, callbacks), bitrate, callbacks.stop
+            )
     except UserError as error:
         stats.warn(f"without a picture residual: {error}")
         return encoder.encode(bitrate)
     finally:
         callbacks.on_preparing("")
+
+
+def _told(
+    frames: Iterable[tuple[int, Picture]], callbacks: SessionCallbacks
+) -> Iterator[tuple[int, Picture]]:
+    """The frames of a third pass, whose progress the user is told."""
+    for index, picture in frames:
+        if index % TOLD_INTERVAL == 0:
+            callbacks.on_preparing(f"picture residual, frame {index}")
+        yield index, picture
 
 
 def run_session(

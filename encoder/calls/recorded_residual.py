@@ -1,6 +1,6 @@
 """Adds the picture residual to a recorded call, which is drawn beside its source."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from io import BytesIO
@@ -26,15 +26,17 @@ def with_residual(
     draw: DrawCall,
     frames: Iterable[tuple[int, Picture]],
     bitrate: float,
+    stop: Callable[[], bool] = lambda: False,
 ) -> list[EncodedCall]:
     """The parts of a call, their models whole, with the picture residual in frame packets.
 
     frames: of the source, from the first on.  bitrate: of frame packets, bits a second.
+    stop: asked before each frame; the packets from there on have none.
     Raises `UserError` if the call cannot be drawn.
     """
     prepared = [_with_blocks(part, [b""] * len(part.payloads)) for part in parts]
     with closing(draw(_written(prepared))) as drawn:
-        differences = _Differences(drawn, frames)
+        differences = _Differences(drawn, frames, stop)
         return [_with_blocks(part, _blocks(part, differences, bitrate)) for part in parts]
 
 
@@ -60,9 +62,12 @@ class _Differences:
     """The differences of source frames and drawn pictures, to be asked for in order."""
 
     def __init__(
-        self, drawn: Iterator[DrawnPicture], frames: Iterable[tuple[int, Picture]]
+        self,
+        drawn: Iterator[DrawnPicture],
+        frames: Iterable[tuple[int, Picture]],
+        stop: Callable[[], bool],
     ) -> None:
-        self._pairs = zip(frames, drawn, strict=False)
+        self._pairs, self._stop = zip(frames, drawn, strict=False), stop
         self._newest = -1
 
     def of(self, wanted: range, without: frozenset[int]) -> tuple[list[Single], list[Single]]:
@@ -72,7 +77,7 @@ class _Differences:
         """
         found, areas = list[Single](), list[Single]()
         while self._newest < wanted[-1]:
-            pair = next(self._pairs, None)
+            pair = None if self._stop() else next(self._pairs, None)
             if pair is None:
                 break
             (self._newest, source), drawn = pair

@@ -146,6 +146,20 @@ def test_a_damaged_residual_is_told_and_the_face_goes_on(call: Path, tmp_path: P
     assert len(shown) == FRAMES and report.complete
 
 
+def test_a_call_that_is_stopped_is_whole_with_less_residual(film: Path, tmp_path: Path) -> None:
+    said, path = list[str](), tmp_path / "stopped.rzo"
+    options = EncodeOptions(str(film), path, bitrate=BITRATE, model_bytes=9000, draw=draw_call)
+
+    def stop() -> bool:
+        return "picture residual, frame 25" in said
+
+    encode(options, lambda *_: None, stop, on_preparing=said.append)
+    summary = summarise(path)
+    assert summary.complete and summary.frames == FRAMES
+    sizes = [len(data) for data in raw_packets(path) if is_frame(data)]
+    assert min(sizes[1:4]) > 2 * max(sizes[4:])
+
+
 def test_where_nothing_can_be_drawn_the_call_is_one_without(film: Path, tmp_path: Path) -> None:
     def cannot(stream: object) -> None:
         raise UserError("no EGL here")
