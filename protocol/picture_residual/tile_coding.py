@@ -133,8 +133,7 @@ def code_tiles(
     """Code the tiles of a grid; False if a value is too large.
 
     data, registers: of the range decoder, see above.
-    decisions: (2, n) of an encoder, see `symbol_writing.Decisions`; with a third row, whose values
-        are -1 before, it gets the context of each.
+    decisions: (2, n) of an encoder, see `symbol_writing.Decisions`.
     probabilities: (CONTEXTS,) at the start; they are adapted.
     flags: (rows, columns) 0: no values, 1: values, 2: values of the finer step.
     values: (rows, columns, frames, `values_of_tile`), of tiles without values 0.
@@ -166,8 +165,6 @@ def _bit(
     zero, count = probabilities[context], counts[context]
     if registers[_LISTS]:
         decisions[0, registers[_COUNT]], decisions[1, registers[_COUNT]] = bit, zero
-        if len(decisions) > 2:
-            decisions[2, registers[_COUNT]] = context
         registers[_COUNT] += 1
     else:
         bit = read_bit(data, registers, zero)
