@@ -1,14 +1,20 @@
 """Blocks of the picture residual: what is written is read; anything else is refused."""
 
+from io import BytesIO
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from packets import VECTORS
 
 from encoder.residual.residual_writing import serialise_tiles
+from protocol.bit_accounting import BitAccounting
+from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.limits import MAX_PICTURE_RESIDUAL_FRAMES
+from protocol.packets import FramePacket, parse_packet
 from protocol.picture_residual.residual_block import (
     CodedResidual,
     ResidualTiles,
@@ -93,3 +99,21 @@ def test_packets_cover_every_source_frame_once() -> None:
     covered = [covered_frames(call, number, 8 if number else 1) for number in range(3)]
     assert covered == [range(5, 6), range(6, 22), range(22, 38)]
     assert covered_frames(call, 3, 2) == range(38, 42)
+
+
+def test_the_thesis_profile_has_none() -> None:
+    with pytest.raises(ValueError, match="thesis profile has no picture residual"):
+        CallParameters("thesis", 64, 48, 25, 1, 80.0, has_residual=True)
+
+
+def test_bytes_of_the_residual_are_counted_apart() -> None:
+    accounting, payload = BitAccounting(), 0
+    digits = (VECTORS / "call_residual.hex").read_text()
+    for data in CallReader(BytesIO(bytes.fromhex(digits))):
+        packet = parse_packet(data)
+        accounting.add(packet)
+        if isinstance(packet, FramePacket):
+            payload += len(packet.payload)
+    groups = accounting.groups
+    assert sum(groups.values()) == pytest.approx(payload)
+    assert groups["residual"] > groups["pose"] > 0
