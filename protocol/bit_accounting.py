@@ -21,7 +21,7 @@ from protocol.frames.transform_coding import parse_transform
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, Packet, serialise
-from protocol.picture_residual.residual_block import split_payload
+from protocol.picture_residual.framing import split_payload
 from protocol.progressive_model import LayerBuffer
 from shared_model.arrays import Array
 from shared_model.parameters import EAUS, LID_EAUS, THESIS_EAUS

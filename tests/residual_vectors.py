@@ -8,15 +8,9 @@ import numpy as np
 from encoder.residual.residual_writing import serialise_tiles
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, parse_packet, serialise
+from protocol.picture_residual.framing import covered_frames, join_payload, split_payload
 from protocol.picture_residual.inverse_transform import ResidualPictures
-from protocol.picture_residual.residual_block import (
-    CodedResidual,
-    ResidualTiles,
-    covered_frames,
-    join_payload,
-    split_payload,
-    tile_grid,
-)
+from protocol.picture_residual.residual_block import CodedResidual, ResidualTiles, tile_grid
 from protocol.picture_residual.tile_coding import SMALL_TILE, values_of_tile
 
 # Coded frames of the frame packets of the call.

@@ -18,11 +18,8 @@ from protocol.frames.scalar_quantiser import (
 from protocol.frames.temporal_prediction import FramePredictor
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
-from protocol.picture_residual.residual_block import (
-    CodedResidual,
-    covered_frames,
-    split_payload,
-)
+from protocol.picture_residual.framing import covered_frames, split_payload
+from protocol.picture_residual.residual_block import CodedResidual
 from shared_model.arrays import Integers
 from shared_model.parameters import EAU_INDEX, FaceParameters
 

@@ -17,7 +17,7 @@ from encoder.residual.draw_call import DrawCall
 from encoder.residual.residual_encoder import ResidualEncoder
 from protocol.call_file import CallStreamWriter
 from protocol.picture_residual.drawn_picture import DrawnPicture
-from protocol.picture_residual.residual_block import covered_frames, join_payload
+from protocol.picture_residual.framing import covered_frames, join_payload
 from shared_model.arrays import Picture, Single
 
 

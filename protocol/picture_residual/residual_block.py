@@ -8,10 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocol.call_parameters import CallParameters
 from protocol.entropy.integer_codes import code_bits
 from protocol.entropy.range_coder import RangeDecoder
-from protocol.entropy.varint import decode_varint, encode_varint
 from protocol.errors import ProtocolError
 from protocol.limits import MAX_PICTURE_RESIDUAL_FRAMES, MAX_PICTURE_RESIDUAL_VALUES
 from protocol.picture_residual.tile_coding import (
@@ -81,16 +79,6 @@ class CodedResidual:
         return parse_tiles(self.data, self.width, self.height, self.frames)
 
 
-def covered_frames(call: CallParameters, number: int, coded: int) -> range:
-    """The source frames whose residual a frame packet has: those after the packet before.
-
-    number: of the packet within its model.  coded: number of its coded frames.
-    """
-    before = (number - 1) * call.frames_per_packet * call.frame_step
-    first = call.start_frame + (before + 1 if number else 0)
-    return range(first, first + (coded * call.frame_step if number else 1))
-
-
 def step_size(code: int) -> float:
     """The step of a code, grey levels."""
     return float(2 ** (code / STEPS_PER_OCTAVE))
@@ -137,19 +125,3 @@ def parse_tiles(data: bytes, width: int, height: int, frames: int) -> ResidualTi
     if coder.unread_bytes:
         raise ProtocolError(f"picture residual: {coder.unread_bytes} bytes too many")
     return ResidualTiles(step_code, flags, values)
-
-
-def join_payload(block: bytes, face: bytes) -> bytes:
-    """The payload of a frame packet.  block: the bytes of the residual, empty if there is none."""
-    return encode_varint(len(block)) + block + face
-
-
-def split_payload(payload: bytes) -> tuple[bytes, bytes]:
-    """The bytes of the residual, and of the face.  Raises `ProtocolError` if there are too few."""
-    try:
-        length, start = decode_varint(payload)
-    except ValueError as error:
-        raise ProtocolError(f"picture residual: {error}") from error
-    if start + length > len(payload):
-        raise ProtocolError(f"picture residual of {length} bytes in {len(payload) - start}")
-    return payload[start : start + length], payload[start + length :]

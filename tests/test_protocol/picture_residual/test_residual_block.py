@@ -15,13 +15,11 @@ from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.limits import MAX_PICTURE_RESIDUAL_FRAMES
 from protocol.packets import FramePacket, parse_packet
+from protocol.picture_residual.framing import covered_frames, join_payload, split_payload
 from protocol.picture_residual.residual_block import (
     CodedResidual,
     ResidualTiles,
-    covered_frames,
-    join_payload,
     parse_tiles,
-    split_payload,
     tile_grid,
 )
 from protocol.picture_residual.tile_coding import SMALL_TILE, values_of_tile
