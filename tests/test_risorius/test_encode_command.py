@@ -97,9 +97,9 @@ def test_bits_that_a_call_cannot_use_are_said(
     slow_clip: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     line = ["encode", str(slow_clip), "-o", str(tmp_path / "call.rzo"), "-q"]
-    assert main([*line, "--bitrate", "2000000", "--model-bytes", "100000"]) == 0
+    assert main([*line, "--bitrate", "200000", "--model-bytes", "100000"]) == 0
     rate, size = capsys.readouterr().err.splitlines()
-    assert "--bitrate 2000000 is more than this call can use: as fine as can be, it takes" in rate
+    assert "--bitrate 200000 is more than this call can use: as fine as can be, it takes" in rate
     assert "--model-bytes 100000 is more than this model can use" in size
 
 
