@@ -1,6 +1,6 @@
 """`risorius.encode`: options are checked, then the encoder runs."""
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -8,7 +8,7 @@ from encoder.option_rules import check_value, chosen_profile
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.report import EncodeReport
-from protocol.picture_residual.drawn_picture import DrawnPicture
+from risorius.call_drawing import draw
 
 Progress = Callable[[int, int | None], None]
 
@@ -30,13 +30,6 @@ def encode_checked(
     target = Path(output) if isinstance(output, str) else output
     options = EncodeOptions(str(source), target, draw=draw, **{**settings, "profile": profile})
     return encode(options, progress or _ignore, lambda: False)
-
-
-def draw(stream: BinaryIO) -> Generator[DrawnPicture, None, None]:
-    """`decoder.drawn_call.draw_call`, loaded once a call needs it."""
-    from decoder.drawn_call import draw_call
-
-    return draw_call(stream)
 
 
 def _ignore(done: int, total: int | None) -> None:

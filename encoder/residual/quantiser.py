@@ -23,7 +23,6 @@ from protocol.picture_residual.tile_coding import (
     REACH,
     TIMES,
     UNARY_LIMIT,
-    ZERO,
     TileValues,
     class_of_time,
     initial_probabilities,
@@ -32,6 +31,7 @@ from protocol.picture_residual.tile_coding import (
     order_start,
     plane_start,
     side_of,
+    zero_context,
 )
 from runtime.jit import jit
 from shared_model.arrays import Array, Integers, Mask, Picture, Single
@@ -158,7 +158,7 @@ def _quantise_band(
         if diagonal > reach:
             break
         nearby = magnitudes_nearby(coded, row, column, time, start, side, place)
-        context = ZERO + NEARBY * (classes * FREQUENCIES + min(length_of(diagonal), 5)) + nearby
+        context = zero_context(kind, time, diagonal, nearby)
         size = abs(values[start + place]) / step
         nearest = min(int(size + 0.5), 16000)
         cost, chosen = size * size + LAGRANGIAN * bits_of[p0[context]], 0

@@ -71,10 +71,16 @@ def _adaptive_bit(
 
     zeros, counts: (contexts,) the probability of a 0 in each, in 1 / 65536, and the bits so far.
     """
+    bit = read_bit(data, registers, zeros[context])
+    adapt(zeros, counts, context, bit)
+    return bit
+
+
+@jit
+def adapt(zeros: Integers, counts: Integers, context: int, bit: int) -> None:
+    """Adapt a context to a bit that was coded in it; zeros, counts: see `_adaptive_bit`."""
     zero, count = zeros[context], counts[context]
-    bit = read_bit(data, registers, zero)
     target = 0 if bit else PROBABILITY_ONE
     zero += (target - zero) * 2 // (2 * count + 4)
     zeros[context] = min(max(zero, MIN_PROBABILITY), PROBABILITY_ONE - MIN_PROBABILITY)
     counts[context] = min(count + 1, MAX_COUNT)
-    return bit

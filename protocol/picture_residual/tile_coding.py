@@ -12,8 +12,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.entropy.adaptive_models import MAX_COUNT, MIN_PROBABILITY
-from protocol.entropy.compiled_decoding import Bytes, read_bit
+from protocol.entropy.adaptive_models import MIN_PROBABILITY
+from protocol.entropy.compiled_decoding import Bytes, adapt, read_bit
 from protocol.entropy.range_coder import PROBABILITY_ONE
 from runtime.jit import jit
 from shared_model.arrays import Integers, Picture
@@ -161,29 +161,29 @@ def _bit(
     coder: tuple[Bytes, Integers, Integers, Integers, Integers], context: int, bit: int
 ) -> int:
     """Code a bit in a context, which adapts."""
-    data, registers, decisions, probabilities, counts = coder
-    zero, count = probabilities[context], counts[context]
-    if registers[_LISTS]:
-        decisions[0, registers[_COUNT]], decisions[1, registers[_COUNT]] = bit, zero
-        registers[_COUNT] += 1
-    else:
-        bit = read_bit(data, registers, zero)
-    target = 0 if bit else PROBABILITY_ONE
-    zero += (target - zero) * 2 // (2 * count + 4)
-    probabilities[context] = min(max(zero, MIN_PROBABILITY), PROBABILITY_ONE - MIN_PROBABILITY)
-    counts[context] = min(count + 1, MAX_COUNT)
+    _, _, _, probabilities, counts = coder
+    bit = _decide(coder, probabilities[context], bit)
+    adapt(probabilities, counts, context, bit)
     return bit
 
 
 @jit
 def _even_bit(coder: tuple[Bytes, Integers, Integers, Integers, Integers], bit: int) -> int:
     """Code a bit that is as likely 0 as 1."""
+    return _decide(coder, _EVEN, bit)
+
+
+@jit
+def _decide(
+    coder: tuple[Bytes, Integers, Integers, Integers, Integers], zero: int, bit: int
+) -> int:
+    """List a bit that is 0 with probability `zero` / 65536, or read it."""
     data, registers, decisions, _, _ = coder
-    if registers[_LISTS]:
-        decisions[0, registers[_COUNT]], decisions[1, registers[_COUNT]] = bit, _EVEN
-        registers[_COUNT] += 1
-        return bit
-    return read_bit(data, registers, _EVEN)
+    if not registers[_LISTS]:
+        return read_bit(data, registers, zero)
+    decisions[0, registers[_COUNT]], decisions[1, registers[_COUNT]] = bit, zero
+    registers[_COUNT] += 1
+    return bit
 
 
 @jit
@@ -301,6 +301,13 @@ def magnitudes_nearby(
 
 
 @jit
+def zero_context(kind: int, time: int, diagonal: int, nearby: int) -> int:
+    """The context of the decision whether a value is not 0.  diagonal: its row + column."""
+    frequency = min(length_of(diagonal), FREQUENCIES - 1)
+    return ZERO + NEARBY * (FREQUENCIES * (TIMES * kind + class_of_time(time)) + frequency) + nearby
+
+
+@jit
 def _code_band(
     coder: tuple[Bytes, Integers, Integers, Integers, Integers],
     values: TileValues,
@@ -313,7 +320,6 @@ def _code_band(
     reach: int,
 ) -> bool:
     """Code the values of a tile at one temporal frequency, up to diagonal `reach`."""
-    time_class = class_of_time(time)
     first = order_start(side)
     own = values[row, column, time]
     for index in range(side**2):
@@ -323,8 +329,7 @@ def _code_band(
             break
         value = own[start + place]
         nearby = magnitudes_nearby(values, row, column, time, start, side, place)
-        context = (TIMES * kind + time_class) * FREQUENCIES + min(length_of(diagonal), 5)
-        if not _bit(coder, ZERO + NEARBY * context + nearby, 1 if value else 0):
+        if not _bit(coder, zero_context(kind, time, diagonal, nearby), 1 if value else 0):
             continue
         magnitude, wanted = 1, abs(value)
         more = MORE + 3 * (NEARBY * kind + nearby)

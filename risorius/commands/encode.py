@@ -138,7 +138,7 @@ def _encode(options: "EncodeOptions", stop: StopOnSignal, quiet: bool) -> "Encod
 def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink) -> "EncodeOptions":
     from encoder.options import EncodeOptions
     from encoder.thesis.trackers import TrackingOptions
-    from risorius.encoding import draw
+    from risorius.call_drawing import draw
 
     over_link = arguments.output is None
     return EncodeOptions(
