@@ -46,6 +46,14 @@ NETWORK_POINTS = CONTOUR + BROWS + LIDS + NOSE + LIPS + CHEEKS
 
 # Landmarks without displacement: the residual falls off towards them.
 FIXED_LANDMARKS = ("v", "op", "po_l", "po_r", "eu_l", "eu_r")
+# Parts that move rigidly, with the mean of these landmarks.
+RIGID_SUPPORTS = {
+    "eye_left": ("en_l", "ex_l", "ps_l", "pi_l"),
+    "eye_right": ("en_r", "ex_r", "ps_r", "pi_r"),
+    "teeth_upper": ("sn", "ls"),
+    "teeth_lower": ("li", "sl"),
+    "tongue": ("li", "sl"),
+}
 # Shape parameter of the multiquadric basis functions, mm.
 MULTIQUADRIC_MM = 10.0
 # Distance between the lips for the basis functions, mm.
@@ -60,6 +68,12 @@ def control_points(head: Head) -> VertexIndices:
     best = head.network_weights[list(NETWORK_POINTS)][known].argmax(1)
     vertices = corners[np.arange(len(corners)), best]
     return np.array(list(dict.fromkeys(vertices.tolist())), dtype=np.int32)
+
+
+def fixed_points(head: Head) -> Integers:
+    """(f,) vertices without displacement: landmarks, and a coarse set of neck and back."""
+    landmarks = [head.landmarks[name] for name in FIXED_LANDMARKS]
+    return np.concatenate([landmarks, _fixed_back_vertices(head)])
 
 
 def residual_basis(head: Head) -> Array:
@@ -96,11 +110,7 @@ def _basis(head: Head) -> Array:
     positions = _lip_separated(head)
     control = control_points(head)
     k = len(control)
-    # Neck and back of the head are fixed, by a coarse set of vertices behind the ears.
-    fixed = np.concatenate(
-        [[head.landmarks[name] for name in FIXED_LANDMARKS], _fixed_back_vertices(head)]
-    )
-    centres = positions[np.concatenate([control, fixed])]
+    centres = positions[np.concatenate([control, fixed_points(head)])]
     kernel = _multiquadric(centres, centres)
     size = len(centres)
     system = np.zeros((size + 1, size + 1))
@@ -140,14 +150,7 @@ def _fixed_back_vertices(head: Head) -> Integers:
 
 def _with_rigid_parts(head: Head, basis: Array) -> Array:
     """The basis with eyeballs, teeth and tongue moving rigidly with the skin around them."""
-    supports = {
-        "eye_left": ("en_l", "ex_l", "ps_l", "pi_l"),
-        "eye_right": ("en_r", "ex_r", "ps_r", "pi_r"),
-        "teeth_upper": ("sn", "ls"),
-        "teeth_lower": ("li", "sl"),
-        "tongue": ("li", "sl"),
-    }
-    for name, landmarks in supports.items():
+    for name, landmarks in RIGID_SUPPORTS.items():
         mean = basis[:, [head.landmarks[landmark] for landmark in landmarks]].mean(1)
         basis[:, head.parts == PARTS.index(name)] = mean[:, None]
     return basis

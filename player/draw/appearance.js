@@ -1,0 +1,127 @@
+import { sameBytes } from "../format/bytes.js";
+import { check } from "../format/errors.js";
+import { decodePicture, isPicture, modeDecoder, parsePictureHeader } from "../format/pictures/picture.js";
+import { LIDS } from "../model/parameters.js";
+import { Atlas } from "./atlas.js";
+import { lidsOf, lightenLids } from "./closed_lids.js";
+import { LocalColours, limitColours, toByte } from "./local_colours.js";
+import { blendSurroundSeam } from "./surround_seam.js";
+
+/** @typedef {import("../format/pictures/probability_network.js").ProbabilityNetworks} ProbabilityNetworks */
+/** @typedef {import("../model/head.js").Head} Head */
+/** @typedef {import("../model/parameters.js").Face} Face */
+/** @typedef {import("./closed_lids.js").Lids} Lids */
+/** @typedef {import("./local_colours.js").ColourLimits} ColourLimits */
+/**
+ * The decoded texture of a caller; limits and lids are of the default profile.
+ * @typedef {object} MeanTexture
+ * @property {number} size texels a side
+ * @property {Uint8Array} mean (size, size, 3) R, G, B
+ * @property {ColourLimits | null} limits
+ * @property {Lids | null} lids
+ */
+
+const MAX_SIDE_PX = 1024;
+const MAX_MODE_TEXELS = 4 * 1024 * 1024;
+
+/** Decodes a caller's texture, and their modes as they come. */
+export class AppearanceDecoder {
+  /**
+   * @param {ProbabilityNetworks} networks
+   * @param {Head} head
+   * @param {Uint8Array} texture
+   * @param {boolean} isThesis
+   */
+  constructor(networks, head, texture, isThesis) {
+    check(isPicture(texture), "the texture is no picture that this player knows");
+    const { width, height, weightMap } = parsePictureHeader(texture, "texture");
+    check(width === height && width >= 2, `texture is ${width}x${height}, expected a square`);
+    const image = decodePicture(networks, texture, "texture", MAX_SIDE_PX);
+    image.values = image.values.map(toByte);
+    if (!isThesis) blendSurroundSeam(image);
+    const mean = Uint8Array.from(image.values, toByte);
+    const atlas = isThesis ? null : new Atlas(head, width);
+    this.isThesis = isThesis;
+    this.texture = texture;
+    this.colours = atlas && new LocalColours(mean, atlas);
+    /** @type {MeanTexture} */
+    this.mean = {
+      size: width,
+      mean,
+      limits: this.colours && { low: this.colours.low, high: this.colours.high },
+      lids: atlas && lidsOf(mean, atlas),
+    };
+    this.sequence = modeDecoder(networks, height, width, weightMap);
+    /** @type {Uint8Array[]} the modes decoded so far, as they are coded */
+    this.known = [];
+  }
+
+  /**
+   * Whether it has decoded a texture, and some of these modes and no others.
+   * @param {Uint8Array} texture
+   * @param {Uint8Array[]} modes
+   */
+  isOf(texture, modes) {
+    return (
+      sameBytes(texture, this.texture) &&
+      this.known.length <= modes.length &&
+      this.known.every((mode, i) => sameBytes(mode, modes[i]))
+    );
+  }
+
+  /**
+   * Decode the modes that it has not decoded yet, up to the first empty one: each (size, size, 3).
+   * @param {Uint8Array[]} modes
+   */
+  further(modes) {
+    const { size } = this.mean;
+    check(modes.length * size * size <= MAX_MODE_TEXELS, `${modes.length} modes of ${size} texels`);
+    const decoded = [];
+    for (const mode of modes.slice(this.known.length)) {
+      if (!mode.length) break;
+      const image = this.sequence.decode(mode, `mode ${this.known.length}`);
+      this.colours?.complete(image);
+      if (!this.isThesis) blendSurroundSeam(image);
+      this.known.push(mode);
+      decoded.push(image.values);
+    }
+    return decoded;
+  }
+}
+
+/** Makes the texture of each frame: the mean and the modes times their coefficients. */
+export class Appearance {
+  /**
+   * @param {MeanTexture} mean
+   * @param {Float32Array[]} modes each (size, size, 3)
+   */
+  constructor(mean, modes) {
+    this.mean = mean;
+    this.modes = modes;
+    this.added = new Float32Array(3 * mean.size ** 2);
+    this.texture = new Uint8ClampedArray(4 * mean.size ** 2).fill(255);
+  }
+
+  /**
+   * The texture (size, size, 4), R, G, B and alpha, of a frame.
+   * @param {Face} face
+   */
+  synthesise({ modes, eau }) {
+    const { added, texture } = this;
+    const { mean, limits, lids } = this.mean;
+    added.fill(0);
+    for (const [k, mode] of this.modes.entries()) {
+      const coefficient = modes[k] ?? 0;
+      if (coefficient) for (let i = 0; i < added.length; i++) added[i] += coefficient * mode[i];
+    }
+    if (limits && modes.length) {
+      limitColours(limits, mean, added, texture);
+    } else {
+      for (let i = 0, p = 0; i < added.length; i += 3, p += 4) {
+        for (let c = 0; c < 3; c++) texture[p + c] = toByte(mean[i + c] + added[i + c]);
+      }
+    }
+    if (lids) lightenLids(lids, texture, LIDS.map((lid) => eau[lid]));
+    return texture;
+  }
+}

@@ -1,0 +1,93 @@
+import { changeSize, isLayered, parseBackground, parseLayers } from "../format/pictures/background.js";
+import { decodePicture, modeDecoder } from "../format/pictures/picture.js";
+import { toByte } from "./local_colours.js";
+import { pullPushFill } from "./pull_push.js";
+import { layerOpacity, maskOpacity } from "./soft_mask.js";
+
+/** @typedef {import("../format/pictures/background.js").MotionFields} MotionFields */
+/** @typedef {import("../format/pictures/picture.js").Image} Image */
+/** @typedef {import("../format/pictures/probability_network.js").ProbabilityNetworks} ProbabilityNetworks */
+/** R, G, B and alpha, row by row. @typedef {{height: number, width: number, values: Uint8ClampedArray}} Bitmap */
+/**
+ * What is behind the face.
+ * @typedef {object} BackgroundPictures
+ * @property {Bitmap} moving moves with the head
+ * @property {Bitmap | null} still stands behind it; null if `moving` is opaque
+ * @property {MotionFields | null} fields
+ * @property {Float32Array[]} changes each (rows, columns, 3)
+ * @property {{rows: number, columns: number}} changeSize
+ * @property {boolean} sceneMoves
+ * @property {boolean} lightChanges
+ */
+
+const MAX_SIDE_PX = 1024;
+
+/**
+ * @param {Image} image
+ * @param {ArrayLike<number> | null} alpha (height, width) 0..1
+ * @returns {Bitmap}
+ */
+function bitmapOf({ height, width, values }, alpha) {
+  const bitmap = new Uint8ClampedArray(4 * height * width);
+  for (let at = 0; at < height * width; at++) {
+    for (let c = 0; c < 3; c++) bitmap[4 * at + c] = toByte(values[3 * at + c]);
+    bitmap[4 * at + 3] = alpha ? Math.round(255 * alpha[at]) : 255;
+  }
+  return { height, width, values: bitmap };
+}
+
+/**
+ * Decode the background of a model whose pictures have this size.
+ * @param {ProbabilityNetworks} networks
+ * @param {Uint8Array} data
+ * @param {number} width
+ * @param {number} height
+ * @returns {BackgroundPictures}
+ */
+export function decodeBackground(networks, data, width, height) {
+  const nothing = {
+    still: null,
+    fields: null,
+    changes: [],
+    changeSize: changeSize(width, height),
+    sceneMoves: false,
+    lightChanges: false,
+  };
+  if (!data.length) {
+    const black = { height: 2, width: 2, values: new Float32Array(12) };
+    return { ...nothing, moving: bitmapOf(black, null) };
+  }
+  if (isLayered(data)) return decodeLayers(networks, data, width, height);
+  const { mask, maskSide, picture } = parseBackground(data);
+  const image = decodePicture(networks, picture, "background", MAX_SIDE_PX);
+  if (!mask) return { ...nothing, moving: bitmapOf(image, null) };
+  const { alpha, isClear } = maskOpacity(mask, maskSide, image.height, image.width);
+  const colours = { ...image, channels: 3, values: image.values.map(toByte) };
+  const still = pullPushFill(colours, isClear);
+  return { ...nothing, moving: bitmapOf(image, alpha), still: bitmapOf(still, null) };
+}
+
+/**
+ * @param {ProbabilityNetworks} networks
+ * @param {Uint8Array} data
+ * @param {number} width
+ * @param {number} height
+ * @returns {BackgroundPictures}
+ */
+function decodeLayers(networks, data, width, height) {
+  const layers = parseLayers(data, width, height);
+  const person = decodePicture(networks, layers.person, "person", MAX_SIDE_PX);
+  const scene = decodePicture(networks, layers.scene, "scene", MAX_SIDE_PX);
+  const alpha = layerOpacity(layers.mask, layers.maskSide, person.height, person.width);
+  const size = changeSize(width, height);
+  const decoder = modeDecoder(networks, size.rows, size.columns, new Uint8Array(0));
+  return {
+    moving: bitmapOf(person, alpha),
+    still: bitmapOf(scene, null),
+    fields: layers.fields,
+    changes: layers.changes.map((change, i) => decoder.decode(change, `change ${i}`).values),
+    changeSize: size,
+    sceneMoves: layers.sceneMoves,
+    lightChanges: layers.lightChanges,
+  };
+}

@@ -1,0 +1,134 @@
+// Closed eyelids of a caller who has not been seen with closed eyes; see
+// `decoder/rendering/closed_lids.py`.
+import { BLUE, GREEN, RED } from "../format/pictures/picture.js";
+import { PARTS } from "../model/head.js";
+import { LIDS, smoothstep } from "../model/parameters.js";
+import { blurred, emptyRaster } from "./image_filters.js";
+
+/** @typedef {import("./atlas.js").Atlas} Atlas */
+/**
+ * The closed lids of a caller in their texture.
+ * @typedef {object} Lids
+ * @property {number} size texels a side
+ * @property {{left: number, right: number, top: number, bottom: number}} area around them
+ * @property {Float32Array[]} weights (2, size, size) how much a texel belongs to either lid
+ * @property {Float32Array} light (size, size, 3) colour of the skin around, of luma 1
+ * @property {Float32Array} least (size, size) least luma
+ */
+
+const REACH = 1 / 10;
+const NEAR = 1 / 24;
+const LID_SHARES = [0.1, 0.4];
+const LASH_SHARE = 0.85;
+const LASH_LIGHT = 0.5;
+const AROUND_SHARE = 0.03;
+const CLOSING = 0.4;
+const CLOSED = 0.75;
+const LEAST_LIGHT = 0.55;
+
+/** How much the texels of an atlas belong to the lids. */
+class LidTexels {
+  /** @param {Atlas} atlas */
+  constructor(atlas) {
+    const { size, head } = atlas;
+    const motions = LIDS.map((lid) => relativeMotion(head.eauUp[lid], head.count));
+    /** (2, size, size) of the left and the right lid */
+    this.weights = LIDS.map(() => new Float32Array(size * size));
+    this.isAround = new Uint8Array(size * size);
+    this.area = { left: size, right: 0, top: size, bottom: 0 };
+    for (let at = 0; at < size * size; at++) {
+      if (atlas.partAt(at) !== PARTS.SKIN) continue;
+      const shares = motions.map((motion) => atlas.valueAt(at, motion));
+      this.isAround[at] = Math.max(...shares) < AROUND_SHARE ? 1 : 0;
+      for (const [lid, share] of shares.entries()) {
+        const lashes = smoothstep((share - LASH_SHARE) / (1 - LASH_SHARE));
+        const own = smoothstep((share - LID_SHARES[0]) / (LID_SHARES[1] - LID_SHARES[0]));
+        const weight = own * (1 - (1 - LASH_LIGHT) * lashes);
+        this.weights[lid][at] = weight;
+        if (weight) this.#extend(at % size, Math.floor(at / size));
+      }
+    }
+  }
+
+  /**
+   * @param {number} column
+   * @param {number} row
+   */
+  #extend(column, row) {
+    const { area } = this;
+    area.left = Math.min(area.left, column);
+    area.right = Math.max(area.right, column + 1);
+    area.top = Math.min(area.top, row);
+    area.bottom = Math.max(area.bottom, row + 1);
+  }
+}
+
+/**
+ * How far each vertex moves with a field, relative to the farthest.
+ * @param {Float32Array} field
+ * @param {number} count
+ */
+function relativeMotion(field, count) {
+  const motion = Float64Array.from({ length: count }, (_, v) =>
+    Math.hypot(field[3 * v], field[3 * v + 1], field[3 * v + 2]),
+  );
+  const most = motion.reduce((a, b) => Math.max(a, b), 0);
+  return motion.map((length) => length / most);
+}
+
+/**
+ * The lids of a caller.
+ * @param {Uint8Array} mean (size, size, 3) R, G, B
+ * @param {Atlas} atlas
+ * @returns {Lids}
+ */
+export function lidsOf(mean, atlas) {
+  const { size } = atlas;
+  const { weights, isAround, area } = new LidTexels(atlas);
+  const known = emptyRaster(size, size, 4);
+  for (let i = 0; i < known.values.length; i++) {
+    const at = i >> 2;
+    const c = i & 3;
+    known.values[i] = isAround[at] * (c < 3 ? mean[3 * at + c] : 1);
+  }
+  const sums = blurred(known, REACH * size).values;
+  const light = new Float32Array(3 * size * size);
+  const least = new Float32Array(size * size);
+  for (let at = 0; at < size * size; at++) {
+    const [r, g, b] = [0, 1, 2].map((c) => sums[4 * at + c] / Math.max(sums[4 * at + 3], 1e-3));
+    const luma = Math.max(RED * r + GREEN * g + BLUE * b, 1);
+    light.set([r / luma, g / luma, b / luma], 3 * at);
+    least[at] = LEAST_LIGHT * luma;
+  }
+  return { size, area, weights, light, least };
+}
+
+/**
+ * Lighten the lids of a texture, the more an eye closes.
+ * @param {Lids} own
+ * @param {Uint8ClampedArray} texture (size, size, 4), written
+ * @param {ArrayLike<number>} lids actuators of the left and the right one, 1 closed
+ */
+export function lightenLids({ size, area, weights, light, least }, texture, lids) {
+  const closed = [0, 1].map((i) => smoothstep((lids[i] - CLOSING) / (CLOSED - CLOSING)));
+  if (!closed[0] && !closed[1]) return;
+  const { left, right, top, bottom } = area;
+  const luma = emptyRaster(bottom - top, right - left, 1);
+  const place = (/** @type {number} */ k) =>
+    (top + Math.floor(k / luma.width)) * size + left + (k % luma.width);
+  for (let k = 0; k < luma.values.length; k++) {
+    const p = 4 * place(k);
+    luma.values[k] = RED * texture[p] + GREEN * texture[p + 1] + BLUE * texture[p + 2];
+  }
+  const smooth = blurred(luma, NEAR * size).values;
+  for (let k = 0; k < smooth.length; k++) {
+    const at = place(k);
+    const weight = closed[0] * weights[0][at] + closed[1] * weights[1][at];
+    const missing = Math.max(least[at] - smooth[k], 0) * weight;
+    if (!missing) continue;
+    for (let c = 0; c < 3; c++) {
+      const value = texture[4 * at + c] + missing * light[3 * at + c] + 0.5;
+      texture[4 * at + c] = Math.min(Math.floor(value), 255);
+    }
+  }
+}

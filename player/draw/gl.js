@@ -1,0 +1,209 @@
+/** @typedef {import("./background_pictures.js").Bitmap} Bitmap */
+
+/** A program of two shaders, and its uniforms by name. */
+export class Program {
+  /**
+   * @param {WebGL2RenderingContext} gl
+   * @param {{vertex: string, fragment: string}} shaders
+   */
+  constructor(gl, shaders) {
+    this.gl = gl;
+    this.program = gl.createProgram();
+    for (const [type, source] of [
+      [gl.VERTEX_SHADER, shaders.vertex],
+      [gl.FRAGMENT_SHADER, shaders.fragment],
+    ]) {
+      const shader = /** @type {WebGLShader} */ (gl.createShader(/** @type {number} */ (type)));
+      gl.shaderSource(shader, /** @type {string} */ (source));
+      gl.compileShader(shader);
+      gl.attachShader(this.program, shader);
+    }
+    gl.linkProgram(this.program);
+    if (!gl.getProgramParameter(this.program, gl.LINK_STATUS) && !gl.isContextLost()) {
+      throw new Error(`a program of the player cannot be used: ${gl.getProgramInfoLog(this.program)}`);
+    }
+  }
+
+  /** Draw with it from now on. */
+  use() {
+    this.gl.useProgram(this.program);
+  }
+
+  /**
+   * Set a uniform number or vector of the program in use.
+   * @param {string} name
+   * @param {number[]} values one or two
+   */
+  set(name, ...values) {
+    const place = this.gl.getUniformLocation(this.program, name);
+    if (values.length === 2) this.gl.uniform2f(place, values[0], values[1]);
+    else this.gl.uniform1f(place, values[0]);
+  }
+
+  /**
+   * Set a uniform truth value of the program in use.
+   * @param {string} name
+   * @param {boolean} value
+   */
+  setFlag(name, value) {
+    this.gl.uniform1i(this.gl.getUniformLocation(this.program, name), value ? 1 : 0);
+  }
+
+  /**
+   * Set a uniform matrix (4, 4), row by row, of the program in use.
+   * @param {string} name
+   * @param {number[]} matrix
+   */
+  setMatrix(name, matrix) {
+    this.gl.uniformMatrix4fv(this.gl.getUniformLocation(this.program, name), true, matrix);
+  }
+
+  /**
+   * Attributes of vertices in buffers: of each buffer its parts, name and number of floats.
+   * @param {[WebGLBuffer, [string, number][]][]} buffers
+   * @param {WebGLBuffer} indices
+   */
+  vertexArray(buffers, indices) {
+    const { gl } = this;
+    const array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    for (const [buffer, parts] of buffers) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      const stride = 4 * parts.reduce((sum, [, count]) => sum + count, 0);
+      let offset = 0;
+      for (const [name, count] of parts) {
+        const place = gl.getAttribLocation(this.program, name);
+        if (place >= 0) {
+          gl.enableVertexAttribArray(place);
+          gl.vertexAttribPointer(place, count, gl.FLOAT, false, stride, offset);
+        }
+        offset += 4 * count;
+      }
+    }
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indices);
+    gl.bindVertexArray(null);
+    return array;
+  }
+}
+
+/**
+ * A buffer with content.
+ * @param {WebGL2RenderingContext} gl
+ * @param {Float32Array | Uint16Array | Uint32Array} content
+ */
+export function bufferOf(gl, content) {
+  const target = content instanceof Float32Array ? gl.ARRAY_BUFFER : gl.ELEMENT_ARRAY_BUFFER;
+  const buffer = gl.createBuffer();
+  gl.bindVertexArray(null);
+  gl.bindBuffer(target, buffer);
+  gl.bufferData(target, content, gl.DYNAMIC_DRAW);
+  return buffer;
+}
+
+/**
+ * Write the first floats of a buffer.
+ * @param {WebGL2RenderingContext} gl
+ * @param {WebGLBuffer} buffer
+ * @param {Float32Array} content
+ */
+export function writeBuffer(gl, buffer, content) {
+  gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+  gl.bufferSubData(gl.ARRAY_BUFFER, 0, content);
+}
+
+/** A texture that bitmaps of one size are written to. */
+export class Texture {
+  /**
+   * @param {WebGL2RenderingContext} gl
+   * @param {number} width
+   * @param {number} height
+   */
+  constructor(gl, width, height) {
+    this.gl = gl;
+    this.width = width;
+    this.height = height;
+    this.texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, this.texture);
+    const levels = Math.floor(Math.log2(Math.max(width, height))) + 1;
+    gl.texStorage2D(gl.TEXTURE_2D, levels, gl.RGBA8, width, height);
+    for (const axis of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) {
+      gl.texParameteri(gl.TEXTURE_2D, axis, gl.CLAMP_TO_EDGE);
+    }
+    this.setMipmaps(false);
+  }
+
+  /** @param {Uint8ClampedArray} values (height, width, 4) */
+  write(values) {
+    const { gl, width, height } = this;
+    const bytes = new Uint8Array(values.buffer, values.byteOffset, values.length);
+    gl.bindTexture(gl.TEXTURE_2D, this.texture);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+  }
+
+  /**
+   * Sample averages where there are several texels a pixel; or the nearest texels alone.
+   * @param {boolean} isOn
+   */
+  setMipmaps(isOn) {
+    const { gl } = this;
+    gl.bindTexture(gl.TEXTURE_2D, this.texture);
+    if (isOn) gl.generateMipmap(gl.TEXTURE_2D);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, isOn ? gl.LINEAR_MIPMAP_LINEAR : gl.LINEAR);
+  }
+
+  /** Draw with it from now on. */
+  use() {
+    this.gl.bindTexture(this.gl.TEXTURE_2D, this.texture);
+  }
+
+  /** Free it. */
+  close() {
+    this.gl.deleteTexture(this.texture);
+  }
+}
+
+/** A picture that is drawn into. */
+export class Target {
+  /**
+   * @param {WebGL2RenderingContext} gl
+   * @param {number} width
+   * @param {number} height
+   */
+  constructor(gl, width, height) {
+    this.gl = gl;
+    this.width = width;
+    this.height = height;
+    this.colour = new Texture(gl, width, height);
+    this.framebuffer = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
+    const { COLOR_ATTACHMENT0, TEXTURE_2D } = gl;
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, COLOR_ATTACHMENT0, TEXTURE_2D, this.colour.texture, 0);
+    const depth = gl.createRenderbuffer();
+    gl.bindRenderbuffer(gl.RENDERBUFFER, depth);
+    gl.renderbufferStorage(gl.RENDERBUFFER, gl.DEPTH_COMPONENT24, width, height);
+    gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.RENDERBUFFER, depth);
+  }
+
+  /** Draw into it from now on. */
+  use() {
+    this.gl.bindFramebuffer(this.gl.FRAMEBUFFER, this.framebuffer);
+    this.gl.viewport(0, 0, this.width, this.height);
+  }
+
+  /** Its pixels (height, width, 4). */
+  read() {
+    const { gl, width, height } = this;
+    const pixels = new Uint8ClampedArray(4 * width * height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(pixels.buffer));
+    return pixels;
+  }
+
+  /** Show it on the canvas, whose first row is the last one of WebGL. */
+  show() {
+    const { gl, width, height } = this;
+    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.framebuffer);
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+    gl.blitFramebuffer(0, 0, width, height, 0, height, width, 0, gl.COLOR_BUFFER_BIT, gl.NEAREST);
+  }
+}

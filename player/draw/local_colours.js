@@ -1,0 +1,177 @@
+// The colour of a texture where what was sent does not tell; see
+// `decoder/rendering/texture_colour.py`.
+import { BLUE, GREEN, RED } from "../format/pictures/picture.js";
+import { PARTS } from "../model/head.js";
+import { blurred, emptyRaster, extremes } from "./image_filters.js";
+
+/** @typedef {import("../format/pictures/picture.js").Image} Image */
+/** @typedef {import("./atlas.js").Atlas} Atlas */
+/** @typedef {import("./image_filters.js").Raster} Raster */
+/**
+ * Colour differences (size, size, 2) per unit of luma, within which a texture stays.
+ * @typedef {{low: Float32Array, high: Float32Array}} ColourLimits
+ */
+
+const COLOURED_PARTS = [PARTS.SKIN, PARTS.SURROUND];
+const REACH = 1 / 12;
+const NEAR = 1 / 48;
+const MIN_LUMA = 12;
+const BRIGHT = 0.6;
+const SHARE = 0.6;
+const BRIGHT_SHARE = 0.3;
+const SENT_SHARE = 0.5;
+const SENT_REACH = 2;
+const COARSE = 1;
+const SLACK_GREY = 2;
+const FREE = 1e3;
+
+/**
+ * Luma and the colour differences of blue and red of colours R, G, B.
+ * @param {Image} image
+ * @returns {Raster}
+ */
+function toPlanes({ height, width, values }) {
+  const planes = emptyRaster(height, width, 3);
+  for (let i = 0; i < values.length; i += 3) {
+    const y = RED * values[i] + GREEN * values[i + 1] + BLUE * values[i + 2];
+    planes.values[i] = y;
+    planes.values[i + 1] = values[i + 2] - y;
+    planes.values[i + 2] = values[i] - y;
+  }
+  return planes;
+}
+
+/**
+ * A raster of a function of each place.
+ * @param {number} size
+ * @param {number} channels
+ * @param {(at: number, channel: number) => number} value
+ */
+function rasterOf(size, channels, value) {
+  const raster = emptyRaster(size, size, channels);
+  for (let i = 0; i < raster.values.length; i++) {
+    raster.values[i] = value(Math.floor(i / channels), i % channels);
+  }
+  return raster;
+}
+
+/** The colours of a mean texture around each of its texels. */
+export class LocalColours {
+  /**
+   * @param {Uint8Array} mean (size, size, 3) R, G, B
+   * @param {Atlas} atlas
+   */
+  constructor(mean, atlas) {
+    const { size } = atlas;
+    this.size = size;
+    const texels = size * size;
+    /** (size, size, 2) colour differences per unit of luma that a mode is expected to have */
+    this.expected = new Float32Array(2 * texels);
+    this.low = new Float32Array(2 * texels).fill(-FREE);
+    this.high = new Float32Array(2 * texels).fill(FREE);
+    const planes = toPlanes({ height: size, width: size, values: Float32Array.from(mean) });
+    const coarse = blurred(planes, COARSE);
+    for (const part of COLOURED_PARTS) this.#enter(atlas, part, planes, coarse);
+  }
+
+  /**
+   * Enter the colours around the texels of a part.
+   * @param {Atlas} atlas
+   * @param {number} part
+   * @param {Raster} planes
+   * @param {Raster} coarse
+   */
+  #enter(atlas, part, planes, coarse) {
+    const { size } = this;
+    const isPart = Uint8Array.from({ length: size * size }, (_, at) =>
+      atlas.partAt(at) === part ? 1 : 0,
+    );
+    const weighted = rasterOf(size, 4, (at, c) => isPart[at] * (c < 3 ? planes.values[3 * at + c] : 1));
+    const sums = blurred(weighted, REACH * size).values;
+    const averaged = (/** @type {number} */ at, /** @type {number} */ c) =>
+      sums[4 * at + c] / Math.max(sums[4 * at + 3], 1e-3);
+    const around = rasterOf(size, 2, (at, c) => averaged(at, c + 1) / Math.max(averaged(at, 0), MIN_LUMA));
+    const isSeen = isPart.map((is, at) => (is && coarse.values[3 * at] > BRIGHT * averaged(at, 0) ? 1 : 0));
+    const share = blurred(rasterOf(size, 1, (at) => (isSeen[at] ? BRIGHT_SHARE : SHARE)), SENT_REACH);
+    const usual = around.values.map((value) => SHARE * value);
+    const seen = rasterOf(size, 2, (at, c) => {
+      const own = coarse.values[3 * at + 1 + c] / Math.max(coarse.values[3 * at], MIN_LUMA);
+      return isSeen[at] ? own : usual[2 * at + c];
+    });
+    const side = 2 * Math.round(NEAR * size) + 1;
+    const least = extremes(seen, side, Math.min).values;
+    const most = extremes(seen, side, Math.max).values;
+    for (let i = 0; i < 2 * size * size; i++) {
+      if (!isPart[i >> 1]) continue;
+      this.expected[i] = share.values[i >> 1] * around.values[i];
+      this.low[i] = Math.min(least[i], usual[i]);
+      this.high[i] = Math.max(most[i], usual[i]);
+    }
+  }
+
+  /**
+   * Give a mode colour where none has been sent: it is changed.
+   * @param {Image} mode (size, size, 3)
+   */
+  complete(mode) {
+    const { size, expected } = this;
+    const planes = toPlanes(mode);
+    const luma = blurred(rasterOf(size, 1, (at) => planes.values[3 * at]), COARSE).values;
+    const added = expected.map((value, i) => value * luma[i >> 1]);
+    const strength = (/** @type {(at: number, c: number) => number} */ of) =>
+      blurred(rasterOf(size, 1, (at) => Math.hypot(of(at, 0), of(at, 1))), SENT_REACH).values;
+    const sent = strength((at, c) => planes.values[3 * at + 1 + c]);
+    const limit = strength((at, c) => added[2 * at + c]);
+    for (let at = 0; at < size * size; at++) {
+      const share = 1 - sent[at] / Math.max(SENT_SHARE * limit[at], 1e-3);
+      const missing = Math.min(Math.max(share, 0), 1);
+      const y = planes.values[3 * at];
+      const blue = y + planes.values[3 * at + 1] + missing * added[2 * at];
+      const red = y + planes.values[3 * at + 2] + missing * added[2 * at + 1];
+      mode.values[3 * at] = red;
+      mode.values[3 * at + 1] = (y - BLUE * blue - RED * red) / GREEN;
+      mode.values[3 * at + 2] = blue;
+    }
+  }
+}
+
+/**
+ * Mean and what modes add, within the colours nearby.
+ * @param {ColourLimits} limits
+ * @param {Uint8Array} mean (size, size, 3)
+ * @param {Float32Array} added (size, size, 3)
+ * @param {Uint8ClampedArray} drawn (size, size, 4) R, G, B and alpha, written
+ */
+export function limitColours({ low, high }, mean, added, drawn) {
+  for (let at = 0, i = 0, p = 0; i < added.length; at += 2, i += 3, p += 4) {
+    let red = mean[i] + added[i];
+    const green = mean[i + 1] + added[i + 1];
+    let blue = mean[i + 2] + added[i + 2];
+    const luma = BLUE * blue + GREEN * green + RED * red;
+    const bright = luma > 0 ? luma : 0;
+    blue = luma + within(blue - luma, low[at] * bright, high[at] * bright);
+    red = luma + within(red - luma, low[at + 1] * bright, high[at + 1] * bright);
+    drawn[p] = toByte(red);
+    drawn[p + 1] = toByte((luma - BLUE * blue - RED * red) / GREEN);
+    drawn[p + 2] = toByte(blue);
+  }
+}
+
+/**
+ * @param {number} difference
+ * @param {number} low
+ * @param {number} high
+ */
+function within(difference, low, high) {
+  if (difference < low - SLACK_GREY) return Math.min(low - SLACK_GREY, high + SLACK_GREY);
+  return difference > high + SLACK_GREY ? high + SLACK_GREY : difference;
+}
+
+/**
+ * A grey level, rounded and cut to 0..255.
+ * @param {number} value
+ */
+export function toByte(value) {
+  const rounded = value + 0.5;
+  return rounded <= 0 ? 0 : rounded >= 255 ? 255 : Math.floor(rounded);
+}

@@ -1,0 +1,99 @@
+// The programs of `decoder/shaders`, in the language of WebGL 2.
+
+const HEADER = "#version 300 es\nprecision highp float;\n";
+
+/** The head in its texture; transparent skin hides the inside by its depth. */
+export const HEAD = {
+  vertex: `${HEADER}
+uniform mat4 clip_from_head;
+uniform float mouth_shading;
+uniform bool texture_is_shaded;
+in vec3 position_mm;
+in vec2 texture_coordinate;
+in float vertex_opacity;
+in float inside_mouth;
+in float teeth_falloff;
+out vec2 uv;
+out float opacity;
+out float light;
+void main() {
+    uv = texture_coordinate;
+    opacity = vertex_opacity;
+    light = texture_is_shaded ? 1.0 : teeth_falloff * mix(1.0, mouth_shading, inside_mouth);
+    gl_Position = clip_from_head * vec4(position_mm, 1.0);
+}`,
+  // The bias is - log2(COARSE_TEXELS_PER_PX) of renderer.js.
+  fragment: `${HEADER}
+uniform sampler2D atlas;
+in vec2 uv;
+in float opacity;
+in float light;
+out vec4 colour;
+void main() {
+    colour = vec4(texture(atlas, uv, -1.6).rgb * light, opacity);
+}`,
+};
+
+/** The strips at the edges of the head. */
+export const EDGE = {
+  vertex: `${HEADER}
+uniform bool behind_head;
+const float far_depth = 0.99999;
+in vec3 position_clip;
+in vec2 texture_coordinate;
+in float vertex_opacity;
+in float vertex_light;
+in float vertex_distance_px;
+out vec2 uv;
+out float opacity;
+out float light;
+out float distance_px;
+void main() {
+    uv = texture_coordinate;
+    opacity = vertex_opacity;
+    light = vertex_light;
+    distance_px = vertex_distance_px;
+    gl_Position = vec4(position_clip.xy, behind_head ? far_depth : position_clip.z, 1.0);
+}`,
+  fragment: `${HEADER}
+uniform sampler2D atlas;
+uniform float reach_px;
+in vec2 uv;
+in float opacity;
+in float light;
+in float distance_px;
+out vec4 colour;
+void main() {
+    float coverage = clamp(reach_px - distance_px, 0.0, 1.0);
+    colour = vec4(texture(atlas, uv, -1.6).rgb * light, opacity * coverage);
+}`,
+};
+
+/** A layer behind the head; what was never seen of a scene is mirrored at its edge and blurred. */
+export const BACKGROUND = {
+  vertex: `${HEADER}
+uniform vec2 picture_px;
+in vec2 position_px;
+in vec2 texture_coordinate;
+out vec2 uv;
+void main() {
+    uv = texture_coordinate;
+    gl_Position = vec4((2.0 * position_px + 1.0) / picture_px - 1.0, 0.0, 1.0);
+}`,
+  fragment: `${HEADER}
+uniform sampler2D picture;
+uniform float fade;
+in vec2 uv;
+out vec4 colour;
+const float MOST_BLURRED = 5.0;
+void main() {
+    vec2 beyond = max(abs(uv - 0.5) - 0.5, 0.0);
+    float away = max(beyond.x, beyond.y);
+    if (fade == 0.0 || away == 0.0) {
+        colour = textureLod(picture, uv, 0.0);
+        return;
+    }
+    vec2 mirrored = 1.0 - abs(1.0 - mod(uv, 2.0));
+    colour = textureLod(picture, mirrored, MOST_BLURRED * min(away / fade, 1.0));
+}`,
+};

@@ -1,0 +1,104 @@
+import { ByteReader, signedFrom } from "../bytes.js";
+import { check } from "../errors.js";
+import { VOICES } from "../model_packet.js";
+import { PITCH_AND_ENERGY, SPECTRUM, VOICING } from "./codec2_codes.js";
+
+/**
+ * The speech of a frame packet.
+ * @typedef {object} VoiceBlock
+ * @property {number} frames of speech, silent ones among them
+ * @property {number} displacement of the first one from the expected one
+ * @property {boolean} hasFace
+ */
+
+/** Reads bits, the highest of a byte first. */
+class BitReader {
+  /** @param {ByteReader} bytes */
+  constructor(bytes) {
+    this.bytes = bytes;
+    this.byte = 0;
+    this.left = 0;
+  }
+
+  /** @param {number} count */
+  take(count) {
+    let value = 0;
+    for (let i = 0; i < count; i++) {
+      if (!this.left) {
+        this.byte = this.bytes.byte();
+        this.left = 8;
+      }
+      this.left--;
+      value = 2 * value + ((this.byte >> this.left) & 1);
+    }
+    return value;
+  }
+
+  /** Skip the bits that fill the last byte, which are zeros. */
+  finish() {
+    check(!(this.byte & (2 ** this.left - 1)), "voice: bits that are not 0 after the last one");
+    this.left = 0;
+  }
+}
+
+/**
+ * Skip the voice block at the start of a payload; returns it and the face.
+ * @param {Uint8Array} payload
+ * @param {number} voice codec
+ * @returns {{block: VoiceBlock, face: Uint8Array}}
+ */
+export function splitVoice(payload, voice) {
+  const reader = new ByteReader(payload, "voice");
+  const head = reader.varint();
+  const frames = Math.floor(head / 8);
+  check(frames <= 255, `voice: ${frames} speech frames, limit 255`);
+  const displacement = head & 2 ? signedFrom(reader.varint()) : 0;
+  let spoken = frames;
+  if (head & 1) {
+    const mask = new BitReader(reader);
+    spoken = 0;
+    for (let i = 0; i < frames; i++) spoken += mask.take(1);
+    mask.finish();
+  }
+  skipFrames(reader, voice, spoken);
+  const hasFace = !(head & 4);
+  const face = reader.rest();
+  check(hasFace || !face.length, "voice: bytes after a block without a face");
+  return { block: { frames, displacement, hasFace }, face };
+}
+
+/**
+ * @param {ByteReader} reader
+ * @param {number} voice
+ * @param {number} count
+ */
+function skipFrames(reader, voice, count) {
+  if (voice === VOICES.OPUS) {
+    for (let i = 0; i < count; i++) check(reader.take(reader.byte()).length, "voice: empty frame");
+    return;
+  }
+  const bits = new BitReader(reader);
+  for (let i = 0; i < count; i++) {
+    if (voice === VOICES.CODEC2_700C) bits.take(28);
+    else for (const code of [VOICING, PITCH_AND_ENERGY, PITCH_AND_ENERGY, SPECTRUM]) skip(bits, code);
+    if (voice === VOICES.CODEC2_1200) bits.take(18);
+  }
+  bits.finish();
+}
+
+/**
+ * Skip a symbol of a canonical prefix code.
+ * @param {BitReader} bits
+ * @param {number[]} counts how many symbols have each length
+ */
+function skip(bits, counts) {
+  let code = 0;
+  let first = 0;
+  for (let length = 1; length < counts.length; length++) {
+    code = 2 * code + bits.take(1);
+    first *= 2;
+    if (code - first < counts[length]) return;
+    first += counts[length];
+  }
+  check(false, "voice: unknown code");
+}

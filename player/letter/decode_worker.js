@@ -1,0 +1,26 @@
+import { readDataFile } from "../data_file.js";
+import { FormatError } from "../format/errors.js";
+import { ModelDecoder } from "../draw/model_decoder.js";
+
+/** @typedef {import("../draw/model_decoder.js").CodedPictures} CodedPictures */
+/** @typedef {import("../draw/model_decoder.js").DecodedPictures} DecodedPictures */
+/** What a worker is told: first the data file, then models. @typedef {{data: ArrayBuffer} | CodedPictures} Order */
+/** What it answers for each model. @typedef {DecodedPictures | {error: string}} Answer */
+
+/** Decode in this worker, in the order of the messages. */
+export function runDecodeWorker() {
+  /** @type {ModelDecoder | null} */
+  let decoder = null;
+  self.onmessage = (/** @type {MessageEvent<Order>} */ { data: order }) => {
+    if ("data" in order) {
+      decoder = new ModelDecoder(readDataFile(order.data));
+      return;
+    }
+    try {
+      postMessage(/** @type {ModelDecoder} */ (decoder).decode(order));
+    } catch (error) {
+      if (!(error instanceof FormatError)) throw error;
+      postMessage({ error: error.message });
+    }
+  };
+}

@@ -1,0 +1,143 @@
+import { FormatError } from "../format/errors.js";
+import { CallPlayer } from "./call_player.js";
+import { PlayClock } from "./clock.js";
+import { runDecodeWorker } from "./decode_worker.js";
+
+/** What the page has in it. @typedef {{script: string, data: ArrayBuffer, call: ArrayBuffer}} Contents */
+
+/** Seconds by which the arrow keys go on. */
+const KEY_STEP_S = 2;
+
+/**
+ * An element of the page.
+ * @template {HTMLElement} T
+ * @param {string} id
+ * @param {new () => T} Type
+ */
+function element(id, Type) {
+  const found = document.getElementById(id);
+  if (!(found instanceof Type)) throw new Error(`the page has no ${id}`);
+  return found;
+}
+
+/** @param {number} seconds */
+function clockTime(seconds) {
+  const whole = Math.floor(seconds);
+  return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
+}
+
+/** @param {number} bytes */
+function size(bytes) {
+  return bytes < 1e3 ? `${bytes} bytes` : `${(bytes / 1e3).toFixed(bytes < 1e5 ? 1 : 0)} kB`;
+}
+
+/** The page of a letter: a call with buttons below it. */
+class LetterPage {
+  /**
+   * @param {CallPlayer} player
+   * @param {HTMLAudioElement | null} sound
+   */
+  constructor(player, sound) {
+    this.player = player;
+    this.sound = sound;
+    this.clock = new PlayClock(player.durationS, sound);
+    this.drawn = -1;
+    this.play = element("play", HTMLButtonElement);
+    this.place = element("place", HTMLInputElement);
+    this.time = element("time", HTMLOutputElement);
+    this.message = element("message", HTMLParagraphElement);
+    this.place.max = String(player.durationS);
+    const { call, frames } = player;
+    const { width, height } = frames[0].received.model.call;
+    const length = `${player.durationS.toFixed(1)} s of ${width}x${height}`;
+    element("about", HTMLParagraphElement).textContent = `${length} in ${size(call.bytes)}`;
+    this.#listen();
+  }
+
+  #listen() {
+    const { clock } = this;
+    this.play.onclick = () => this.#toggle();
+    element("picture", HTMLCanvasElement).onclick = () => this.#toggle();
+    this.place.oninput = () => clock.seek(Number(this.place.value));
+    const speed = element("speed", HTMLSelectElement);
+    speed.onchange = () => clock.setSpeed(Number(speed.value));
+    const loop = element("loop", HTMLButtonElement);
+    loop.onclick = () => {
+      clock.loops = !clock.loops;
+      loop.setAttribute("aria-pressed", String(clock.loops));
+    };
+    const full = element("full", HTMLButtonElement);
+    full.hidden = !document.fullscreenEnabled;
+    full.onclick = () => this.#toggleFullScreen();
+    document.addEventListener("keydown", (event) => this.#key(event));
+  }
+
+  /** @param {KeyboardEvent} event */
+  #key(event) {
+    const { clock } = this;
+    if (event.target instanceof HTMLSelectElement || event.ctrlKey || event.metaKey) return;
+    const isButton = event.target instanceof HTMLButtonElement;
+    if (event.key === " " && !isButton) this.#toggle();
+    else if (event.key === "ArrowLeft") clock.seek(clock.timeS - KEY_STEP_S);
+    else if (event.key === "ArrowRight") clock.seek(clock.timeS + KEY_STEP_S);
+    else if (event.key === "f") this.#toggleFullScreen();
+    else return;
+    event.preventDefault();
+  }
+
+  #toggle() {
+    if (this.clock.isPlaying) this.clock.pause();
+    else this.clock.play();
+  }
+
+  #toggleFullScreen() {
+    if (document.fullscreenElement) document.exitFullscreen();
+    else element("screen", HTMLElement).requestFullscreen().catch(() => {});
+  }
+
+  /** Show the frame whose time it is, and so on. */
+  run() {
+    const { clock, player } = this;
+    clock.turnAround();
+    const { timeS } = clock;
+    const index = player.frameAt(timeS);
+    if (index !== this.drawn && player.draw(index)) this.drawn = index;
+    this.place.value = String(timeS);
+    this.time.textContent = `${clockTime(timeS)} / ${clockTime(player.durationS)}`;
+    const label = clock.isPlaying ? "Pause" : "Play";
+    if (this.play.title !== label) {
+      this.play.title = label;
+      this.play.setAttribute("aria-label", label);
+      this.play.classList.toggle("playing", clock.isPlaying);
+    }
+    this.message.textContent = this.drawn === index ? player.damage : "One moment ...";
+    requestAnimationFrame(() => this.run());
+  }
+}
+
+/**
+ * Show a letter on the page.
+ * @param {Contents} contents
+ */
+function openLetter({ script, data, call }) {
+  const message = element("message", HTMLParagraphElement);
+  const sound = document.querySelector("audio");
+  try {
+    const worker = new Worker(script);
+    const canvas = element("picture", HTMLCanvasElement);
+    const player = new CallPlayer(canvas, new Uint8Array(call), data, worker);
+    if (!player.gl) {
+      message.textContent = "This browser cannot draw the letter: it has no WebGL 2.";
+      return;
+    }
+    const page = new LetterPage(player, sound);
+    Object.assign(window, { letter: page });
+    page.run();
+  } catch (error) {
+    if (!(error instanceof FormatError)) throw error;
+    message.textContent = `This letter cannot be shown: ${error.message}`;
+  }
+}
+
+if (typeof document === "undefined") runDecodeWorker();
+else Object.assign(window, { openLetter });

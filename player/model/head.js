@@ -1,0 +1,186 @@
+import { FormatError } from "../format/errors.js";
+
+/** @typedef {import("../data_file.js").Arrays} Arrays */
+/**
+ * A triangle mesh of n vertices and m triangles, with the fields that animate it; see
+ * `shared_model/mesh.py`.
+ * @typedef {object} Head
+ * @property {number} count n
+ * @property {Float64Array} vertices (n, 3) mm, head frame, neutral
+ * @property {Int32Array} triangles (m, 3) counter-clockwise seen from outside
+ * @property {Float64Array} textureCoordinates (n, 2)
+ * @property {Uint8Array} parts (n) index into `PARTS`
+ * @property {Float64Array} opacity (n)
+ * @property {Float32Array[]} eauUp of each EAU (n, 3) mm at +1
+ * @property {Float32Array[]} eauDown of each EAU (n, 3) mm at -1
+ * @property {Float32Array[]} aau of each AAU (n, 3) mm at +1
+ * @property {Int32Array} lips the vertices in the middle of the upper and the lower lip
+ * @property {Float64Array} residualBasis (k, n) see `shape_residual.js`
+ */
+
+export const PARTS = {
+  SKIN: 0,
+  EYE_LEFT: 1,
+  EYE_RIGHT: 2,
+  TEETH_UPPER: 3,
+  TEETH_LOWER: 4,
+  TONGUE: 5,
+  MOUTH: 6,
+  SURROUND: 7,
+};
+const POSITION_STEP_MM = 1 / 128;
+const FIELD_STEP_MM = 1 / 64;
+const TEXTURE_STEP = 1 / 32767;
+
+/**
+ * @param {Arrays} data
+ * @param {string} name
+ */
+export function array(data, name) {
+  const found = data.get(name);
+  if (!found) throw new FormatError(`the player's data file lacks ${name}`);
+  return found;
+}
+
+/**
+ * Values (n, columns), row by row, of what is stored by column in steps.
+ * @param {ArrayLike<number>} stored
+ * @param {number} columns
+ * @param {number} step
+ */
+function rowsOf(stored, columns, step) {
+  const count = stored.length / columns;
+  const values = new Float64Array(stored.length);
+  for (let i = 0; i < count; i++) {
+    for (let k = 0; k < columns; k++) values[columns * i + k] = stored[k * count + i] * step;
+  }
+  return values;
+}
+
+/**
+ * The generic head; its residual basis is not known yet.
+ * @param {Arrays} data
+ * @returns {Head}
+ */
+export function genericHead(data) {
+  const vertices = rowsOf(array(data, "vertices"), 3, POSITION_STEP_MM);
+  const fields = (/** @type {string} */ name) => {
+    const stored = array(data, name);
+    const size = vertices.length;
+    return Array.from({ length: stored.length / size }, (_, i) =>
+      Float32Array.from(rowsOf(stored.subarray(i * size, (i + 1) * size), 3, FIELD_STEP_MM)),
+    );
+  };
+  return {
+    count: vertices.length / 3,
+    vertices,
+    triangles: Int32Array.from(rowsOf(array(data, "triangles"), 3, 1)),
+    textureCoordinates: rowsOf(array(data, "texture_coordinates"), 2, TEXTURE_STEP),
+    parts: Uint8Array.from(array(data, "parts")),
+    opacity: Float64Array.from(array(data, "opacity")),
+    eauUp: fields("eau_up"),
+    eauDown: fields("eau_down"),
+    aau: fields("aau"),
+    lips: Int32Array.from(array(data, "landmarks").subarray(1)),
+    residualBasis: new Float64Array(0),
+  };
+}
+
+/**
+ * The head of the default profile, with sheets across the apertures and around the face.
+ * @param {Arrays} data
+ * @param {Head} generic with its residual basis
+ * @returns {Head}
+ */
+export function headWithSurround(data, generic) {
+  const carried = new Carried(data, generic.count);
+  const rims = array(data, "rim_depths");
+  const vertices = carried.rows(generic.vertices, 3);
+  for (const [i, depth] of rims.entries()) vertices[3 * (generic.count + i) + 2] -= depth;
+  const around = rowsOf(array(data, "surround_vertices"), 3, POSITION_STEP_MM);
+  vertices.set(around, vertices.length - around.length);
+  const fields = (/** @type {Float32Array[]} */ each) =>
+    each.map((field) => Float32Array.from(carried.rows(field, 3)));
+  const basis = generic.residualBasis;
+  const points = basis.length / generic.count;
+  const residualBasis = new Float64Array(points * carried.count);
+  for (let k = 0; k < points; k++) {
+    const row = carried.rows(basis.subarray(k * generic.count, (k + 1) * generic.count), 1);
+    residualBasis.set(row, k * carried.count);
+  }
+  return {
+    count: carried.count,
+    vertices,
+    triangles: surroundTriangles(data, generic),
+    textureCoordinates: surroundTexture(data, generic),
+    parts: Uint8Array.from(array(data, "surround_parts")),
+    opacity: Float64Array.from(array(data, "surround_opacity")),
+    eauUp: fields(generic.eauUp),
+    eauDown: fields(generic.eauDown),
+    aau: fields(generic.aau),
+    lips: generic.lips,
+    residualBasis,
+  };
+}
+
+/** The vertices that are added to the generic head move with some of its own. */
+class Carried {
+  /**
+   * @param {Arrays} data
+   * @param {number} generic
+   */
+  constructor(data, generic) {
+    this.generic = generic;
+    this.rimVertices = array(data, "rim_vertices");
+    this.rimWeights = array(data, "rim_weights");
+    this.anchors = array(data, "surround_anchors");
+    this.rims = this.rimVertices.length / 3;
+    this.count = generic + this.rims + this.anchors.length;
+  }
+
+  /**
+   * Values of all vertices from those (n, columns) of the generic head.
+   * @param {ArrayLike<number>} values
+   * @param {number} columns
+   */
+  rows(values, columns) {
+    const all = new Float64Array(this.count * columns);
+    for (let i = 0; i < values.length; i++) all[i] = values[i];
+    for (let i = 0; i < 3 * this.rims; i++) {
+      const at = (this.generic + Math.floor(i / 3)) * columns;
+      for (let k = 0; k < columns; k++) {
+        all[at + k] += this.rimWeights[i] * values[this.rimVertices[i] * columns + k];
+      }
+    }
+    for (const [i, anchor] of this.anchors.entries()) {
+      const at = (this.generic + this.rims + i) * columns;
+      for (let k = 0; k < columns; k++) all[at + k] = all[anchor * columns + k];
+    }
+    return all;
+  }
+}
+
+/**
+ * @param {Arrays} data
+ * @param {Head} generic
+ */
+function surroundTriangles(data, generic) {
+  const kept = array(data, "surround_kept_triangles");
+  const own = generic.triangles.filter((_, i) => kept[Math.floor(i / 3)]);
+  const around = rowsOf(array(data, "surround_triangles"), 3, 1);
+  const sheets = rowsOf(array(data, "sheet_triangles"), 3, 1);
+  return Int32Array.from([...around, ...own, ...sheets]);
+}
+
+/**
+ * @param {Arrays} data
+ * @param {Head} generic
+ */
+function surroundTexture(data, generic) {
+  const [strip] = array(data, "strip_width");
+  const own = generic.textureCoordinates.map((value, i) =>
+    i % 2 ? value : strip + (1 - 2 * strip) * value,
+  );
+  const added = rowsOf(array(data, "added_texture_coordinates"), 2, TEXTURE_STEP);
+  return Float64Array.from([...own, ...added]);
+}

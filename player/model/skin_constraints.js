@@ -1,0 +1,137 @@
+import { cameraFromHead, pixelFromCamera, pixelFromHead } from "./geometry.js";
+import { PARTS } from "./head.js";
+
+/** @typedef {import("./background_mesh.js").BackgroundMesh} BackgroundMesh */
+/** @typedef {import("./head.js").Head} Head */
+/** @typedef {import("./parameters.js").Pose} Pose */
+
+/** Weight of no motion, against about 1 on the skin. */
+const FREE_WEIGHT = 0.15;
+const MIN_WEIGHT = 1e-3;
+const FACING_COSINE = 0.3;
+
+/** The skin in the background picture, and how the mesh points near it follow it. */
+export class SkinConstraints {
+  /**
+   * @param {BackgroundMesh} mesh
+   * @param {Head} head
+   * @param {Float64Array} vertices (n, 3) mm, of the head in the picture
+   * @param {number} sigmaPx standard deviation of the kernel
+   */
+  constructor(mesh, head, vertices, sigmaPx) {
+    const cosines = facingCosines(mesh.reference, head, vertices);
+    /** @type {number[]} */
+    this.vertices = [];
+    for (let v = 0; v < head.count; v++) {
+      const isDrawn = head.opacity[v] > 0 && head.parts[v] === PARTS.SKIN;
+      if (isDrawn && cosines[v] > FACING_COSINE) this.vertices.push(v);
+    }
+    const pixels = pixelFromHead(mesh.camera, mesh.reference, this.#picked(vertices));
+    this.rigidMm = mesh.lift(pixels);
+    this.#weigh(mesh, pixels, sigmaPx);
+  }
+
+  /**
+   * Find the points that follow the skin, and the weight of each vertex in their motion.
+   * @param {BackgroundMesh} mesh
+   * @param {Float64Array} pixels (k, 2) of the vertices
+   * @param {number} sigmaPx
+   */
+  #weigh(mesh, pixels, sigmaPx) {
+    const count = this.vertices.length;
+    const kernel = (/** @type {number} */ x, /** @type {number} */ y, /** @type {number} */ k) =>
+      Math.exp(((pixels[2 * k] - x) ** 2 + (pixels[2 * k + 1] - y) ** 2) / (-2 * sigmaPx ** 2));
+    // By the area around each vertex, since vertices are dense around eyes and mouth.
+    const density = this.vertices.map((_, i) => {
+      let sum = 0;
+      for (let k = 0; k < count; k++) sum += kernel(pixels[2 * i], pixels[2 * i + 1], k);
+      return sum;
+    });
+    /** @type {number[]} */
+    this.points = [];
+    /** @type {Float64Array[]} */
+    this.weights = [];
+    for (let p = 0; p < mesh.rows * mesh.columns; p++) {
+      const own = new Float64Array(count);
+      let most = 0;
+      let sum = 0;
+      for (let k = 0; k < count; k++) {
+        own[k] = kernel(mesh.gridPx[2 * p], mesh.gridPx[2 * p + 1], k);
+        most = Math.max(most, own[k]);
+        own[k] /= density[k];
+        sum += own[k];
+      }
+      if (most <= MIN_WEIGHT) continue;
+      this.points.push(p);
+      this.weights.push(own.map((weight) => weight / (sum + FREE_WEIGHT)));
+    }
+  }
+
+  /**
+   * The motion (rows, columns, 2), pixels, of the skin relative to the plane of the mesh.
+   * @param {BackgroundMesh} mesh
+   * @param {Pose} pose
+   * @param {Float64Array} vertices (n, 3) mm, head frame
+   */
+  motion(mesh, pose, vertices) {
+    const actual = pixelFromHead(mesh.camera, pose, this.#picked(vertices));
+    const rigid = pixelFromCamera(mesh.camera, mesh.movedWithHead(pose, this.rigidMm));
+    const motion = new Float64Array(mesh.rows * mesh.columns * 2);
+    for (const [i, p] of this.points.entries()) {
+      const weights = this.weights[i];
+      let x = 0;
+      let y = 0;
+      for (let k = 0; k < weights.length; k++) {
+        x += weights[k] * (actual[2 * k] - rigid[2 * k]);
+        y += weights[k] * (actual[2 * k + 1] - rigid[2 * k + 1]);
+      }
+      motion[2 * p] = x;
+      motion[2 * p + 1] = y;
+    }
+    return motion;
+  }
+
+  /** @param {Float64Array} vertices */
+  #picked(vertices) {
+    const picked = new Float64Array(3 * this.vertices.length);
+    for (const [i, v] of this.vertices.entries()) picked.set(vertices.subarray(3 * v, 3 * v + 3), 3 * i);
+    return picked;
+  }
+}
+
+/**
+ * The cosine between each vertex' outward normal and the direction to the camera.
+ * @param {Pose} pose
+ * @param {Head} head
+ * @param {Float64Array} vertices
+ */
+function facingCosines(pose, head, vertices) {
+  const seen = cameraFromHead(pose, vertices);
+  const normals = vertexNormals(seen, head.triangles);
+  return Float64Array.from({ length: head.count }, (_, v) => {
+    let dot = 0;
+    for (let k = 0; k < 3; k++) dot -= seen[3 * v + k] * normals[3 * v + k];
+    const length = Math.hypot(normals[3 * v], normals[3 * v + 1], normals[3 * v + 2]);
+    const distance = Math.hypot(seen[3 * v], seen[3 * v + 1], seen[3 * v + 2]);
+    return dot / (Math.max(length, 1e-12) * distance);
+  });
+}
+
+/**
+ * The sum (n, 3) of the normals of each vertex' triangles, weighted by their areas.
+ * @param {Float64Array} points
+ * @param {Int32Array} triangles
+ */
+function vertexNormals(points, triangles) {
+  const normals = new Float64Array(points.length);
+  for (let t = 0; t < triangles.length; t += 3) {
+    const [a, b, c] = [0, 1, 2].map((k) => 3 * triangles[t + k]);
+    const u = [0, 1, 2].map((k) => points[b + k] - points[a + k]);
+    const v = [0, 1, 2].map((k) => points[c + k] - points[a + k]);
+    for (let k = 0; k < 3; k++) {
+      const flat = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
+      for (const vertex of [a, b, c]) normals[vertex + k] += flat;
+    }
+  }
+  return normals;
+}

@@ -1,0 +1,176 @@
+import { ByteReader } from "../format/bytes.js";
+import { check } from "../format/errors.js";
+import { FramePredictor } from "../format/frames/frame_payload.js";
+import { GEOMETRY, parseTransform } from "../format/frames/frame_transform.js";
+import { parseThesisPayload, THESIS_EAUS } from "../format/frames/thesis_payload.js";
+import { splitVoice } from "../format/frames/voice_block.js";
+import { normalise, poseFromMotion } from "../model/geometry.js";
+import { clip, clipEau, EAU_STEP } from "../model/parameters.js";
+import { PacketHistory } from "./packet_history.js";
+
+/** @typedef {import("../format/frames/frame_transform.js").FrameTransform} FrameTransform */
+/** @typedef {import("../format/model_packet.js").ModelPacket} ModelPacket */
+/** @typedef {import("../model/parameters.js").Face} Face */
+/** A coded face at its time, source frames. @typedef {{time: number, face: Face}} TimedFace */
+/**
+ * A picture residual and its source frames.
+ * @typedef {{data: Uint8Array, first: number, frames: number}} CodedResidual
+ */
+/**
+ * What a frame packet holds; without a face it shows nothing.
+ * @typedef {{faces: TimedFace[], residual: CodedResidual | null, hasFace: boolean}} DecodedPacket
+ */
+
+const THESIS_RATE_HZ = 10;
+const MAX_PARAMETER = 1e5;
+const MAX_MOTION = [180, 180, 180, 1e4, 1e4, 3];
+
+/**
+ * The face of a model's background picture.
+ * @param {ModelPacket} model
+ * @returns {Face}
+ */
+export function referenceFace(model) {
+  const none = new Float64Array(0);
+  const pose = { rotation: normalise(model.rotation), translation: model.translation };
+  return { pose, eau: Float64Array.from(model.eau, (code) => code * EAU_STEP), layers: none, modes: none };
+}
+
+/** Decodes the frame packets of a model. */
+export class FrameDecoder {
+  /** @param {ModelPacket} model */
+  constructor(model) {
+    this.model = model;
+    this.reference = referenceFace(model);
+    const { isThesis, framesPerPacket } = model.call;
+    /** @type {FrameTransform | null} */
+    this.transform = isThesis ? null : parseTransform(model.profileData);
+    if (this.transform) {
+      const { scaleCodes, reservedModes } = this.transform;
+      const isRight = reservedModes > 0 === model.isExtensible;
+      check(isRight, `model packet: ${reservedModes} reserved modes`);
+      const predictor = new FramePredictor(scaleCodes, reservedModes);
+      this.history = new PacketHistory(predictor, framesPerPacket);
+    }
+  }
+
+  /**
+   * What packet `number` of the model holds; it is later than all before.
+   * @param {number} number
+   * @param {Uint8Array} payload
+   * @returns {DecodedPacket}
+   */
+  decode(number, payload) {
+    const { hasFace, residual, face } = this.#split(payload);
+    if (!hasFace) return { faces: [], residual: null, hasFace };
+    if (!this.history) return { faces: [this.#thesisFace(number, face)], residual: null, hasFace };
+    const frames = this.history.decode(number, face);
+    const faces = frames.map((coded, i) => this.#timedFace(number, i, coded));
+    return { faces, residual: this.#residual(number, residual, frames.length), hasFace };
+  }
+
+  /**
+   * Take in a packet that comes after a later one.
+   * @param {number} number
+   * @param {Uint8Array} payload
+   */
+  repair(number, payload) {
+    const { hasFace, face } = this.#split(payload);
+    if (hasFace) this.history?.insert(number, face);
+  }
+
+  /**
+   * The number of the packet of the first coded face at or after a source frame.
+   * @param {number} frame
+   */
+  packetAt(frame) {
+    const { startFrame, framesPerPacket, frameStep } = this.model.call;
+    const spacing = this.history ? framesPerPacket * frameStep : this.#spacing();
+    return Math.max(0, Math.ceil((frame - startFrame) / spacing - 1e-9));
+  }
+
+  #spacing() {
+    return this.model.call.fps / THESIS_RATE_HZ;
+  }
+
+  /** @param {Uint8Array} payload */
+  #split(payload) {
+    const { voice, hasResidual } = this.model.call;
+    let face = payload;
+    if (voice) {
+      const { block, face: rest } = splitVoice(payload, voice);
+      if (!block.hasFace) return { hasFace: false, residual: face.subarray(0, 0), face: rest };
+      face = rest;
+    }
+    if (!hasResidual) return { hasFace: true, residual: face.subarray(0, 0), face };
+    const reader = new ByteReader(face, "picture residual");
+    const residual = reader.part("block", face.length);
+    return { hasFace: true, residual, face: reader.rest() };
+  }
+
+  /**
+   * @param {number} number
+   * @param {Uint8Array} payload
+   * @returns {TimedFace}
+   */
+  #thesisFace(number, payload) {
+    const { hasEyelids, startFrame } = this.model.call;
+    const values = parseThesisPayload(payload, hasEyelids);
+    const eau = this.reference.eau.slice();
+    for (const [i, value] of values.subarray(6).entries()) eau[THESIS_EAUS[i]] = value;
+    const pose = poseFromMotion(values, this.reference.pose);
+    const none = new Float64Array(0);
+    const time = startFrame + number * this.#spacing();
+    return { time, face: { pose, eau, layers: none, modes: none } };
+  }
+
+  /**
+   * @param {number} number
+   * @param {number} index of the face within its packet
+   * @param {Float64Array} coded
+   * @returns {TimedFace}
+   */
+  #timedFace(number, index, coded) {
+    const { startFrame, framesPerPacket, frameStep } = this.model.call;
+    const first = number ? 1 + (number - 1) * framesPerPacket : 0;
+    return { time: startFrame + (first + index) * frameStep, face: this.#face(coded) };
+  }
+
+  /**
+   * The face of coefficients in 1/256.
+   * @param {Float64Array} coded
+   * @returns {Face}
+   */
+  #face(coded) {
+    const { components, parameters: d, mean, matrix, layers } = /** @type {FrameTransform} */ (
+      this.transform
+    );
+    const y = mean.slice();
+    for (let c = 0; c < components; c++) {
+      const q = coded[c] / 256;
+      if (q) for (let i = 0; i < d; i++) y[i] += q * matrix[c * d + i];
+    }
+    for (let i = 0; i < d; i++) y[i] = clip(y[i], -MAX_PARAMETER, MAX_PARAMETER);
+    const motion = MAX_MOTION.map((limit, i) => clip(y[i], -limit, limit));
+    return {
+      pose: poseFromMotion(motion, this.reference.pose),
+      eau: clipEau(y.subarray(6, GEOMETRY)),
+      layers: y.slice(GEOMETRY, GEOMETRY + layers),
+      modes: y.slice(GEOMETRY + layers),
+    };
+  }
+
+  /**
+   * @param {number} number
+   * @param {Uint8Array} data
+   * @param {number} coded
+   * @returns {CodedResidual | null}
+   */
+  #residual(number, data, coded) {
+    if (!data.length) return null;
+    const { startFrame, framesPerPacket, frameStep } = this.model.call;
+    const before = (number - 1) * framesPerPacket * frameStep;
+    const first = startFrame + (number ? before + 1 : 0);
+    return { data, first, frames: number ? coded * frameStep : 1 };
+  }
+}

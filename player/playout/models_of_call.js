@@ -1,0 +1,37 @@
+/** @typedef {import("../draw/model_decoder.js").CodedPictures} CodedPictures */
+/** @typedef {import("../draw/model_decoder.js").DecodedPictures} DecodedPictures */
+/** @typedef {import("../draw/scene.js").ModelPictures} ModelPictures */
+/** @typedef {import("./playout.js").PlayoutFrame} PlayoutFrame */
+/** @typedef {import("./received_models.js").ReceivedModel} ReceivedModel */
+
+/**
+ * The models of a call in the order of their use, each with what layers had brought by then.
+ * @param {PlayoutFrame[]} frames
+ */
+export function modelsOf(frames) {
+  return [...new Set(frames.map((frame) => frame.received))];
+}
+
+/**
+ * What is coded of the pictures of a model.
+ * @param {ReceivedModel} received
+ * @returns {CodedPictures}
+ */
+export function codedPictures({ model, modes }) {
+  const { isThesis, width, height } = model.call;
+  return { isThesis, width, height, texture: model.texture, modes, background: model.background };
+}
+
+/**
+ * The pictures of a model, from what has been decoded of it and of the one before.
+ * @param {DecodedPictures} decoded
+ * @param {ModelPictures | undefined} before
+ * @returns {ModelPictures}
+ */
+export function completed({ mean, modes, background }, before) {
+  const known = mean || !before ? [] : before.modes;
+  const ownMean = mean ?? before?.mean;
+  const ownBackground = background ?? before?.background;
+  if (!ownMean || !ownBackground) throw new Error("a model builds on one that has not been decoded");
+  return { mean: ownMean, modes: [...known, ...modes], background: ownBackground };
+}

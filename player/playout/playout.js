@@ -1,0 +1,283 @@
+import { check } from "../format/errors.js";
+import { FrameClock } from "../format/frames/frame_times.js";
+import { EVENTS, SEQUENCE_MODULUS } from "../format/packets.js";
+import { interpolate, withFocalChange } from "../model/geometry.js";
+import { atRest, bridge, presence } from "./concealment.js";
+import { ReceivedModels } from "./received_models.js";
+
+/** @typedef {import("../format/packets.js").Packet} Packet */
+/** @typedef {import("../model/parameters.js").Face} Face */
+/** @typedef {import("./frame_decoder.js").CodedResidual} CodedResidual */
+/** @typedef {import("./frame_decoder.js").TimedFace} TimedFace */
+/** @typedef {import("./received_models.js").ReceivedModel} ReceivedModel */
+/**
+ * The face of a source frame.
+ * @typedef {object} PlayoutFrame
+ * @property {number} index of the source frame
+ * @property {Face} face
+ * @property {ReceivedModel} received what it was decoded by
+ * @property {number} timeS when it is shown, seconds from the start of the source
+ * @property {boolean} isFrozen it repeats an older face: the encoder had none
+ * @property {boolean} isLost its packet is missing
+ * @property {number} presence how much of the person is shown
+ * @property {CodedResidual | null} residual
+ */
+
+/** A packet up to so many numbers behind the newest is late. */
+const LATE_WINDOW = 16;
+/** A first frame packet farther ahead shows that the call was joined late. */
+const FIRST_WINDOW = 9;
+/** A packet may be at most so far ahead of the last frame. */
+const MAX_GAP_S = 600;
+
+/** Turns the packets of a call, in the order of a file, into the faces of its source frames. */
+export class Playout {
+  constructor() {
+    this.models = new ReceivedModels();
+    this.clock = new FrameClock();
+    this.ended = false;
+    this.lost = 0;
+    this.joinedLate = false;
+    this.begin = 0;
+    this.next = 0;
+    this.newest = -1;
+    this.isNumbered = false;
+    /** @type {TimedFace | null} */
+    this.last = null;
+    /** @type {number | null} source frame from which on the face is lost */
+    this.lostAt = null;
+    /** @type {number | null} source frame from which on nobody is there */
+    this.goneAt = null;
+  }
+
+  /**
+   * The frames that can be shown after a packet.  Throws `FormatError` if it contradicts the call.
+   * @param {Packet} packet
+   * @returns {PlayoutFrame[]}
+   */
+  receive(packet) {
+    if (packet.kind === "model") this.#receiveModel(packet.model);
+    if (packet.kind === "layer") {
+      this.models.receiveLayer(packet.version, packet.number, packet.data);
+    }
+    if (packet.kind === "control") return this.#receiveControl(packet);
+    if (packet.kind === "frame") return this.#receiveFrame(packet.sequence, packet.payload);
+    return [];
+  }
+
+  /** @param {import("../format/model_packet.js").ModelPacket} model */
+  #receiveModel(model) {
+    const isFirst = !this.models.current;
+    const newest = isFirst ? model.sequence : this.newest;
+    const first = newest + modulo(model.sequence - newest);
+    if (isFirst) {
+      this.newest = first - 1;
+      if (model.version) this.#joinLate();
+    }
+    this.models.receiveModel(model, first);
+  }
+
+  #joinLate() {
+    this.joinedLate = true;
+    this.next = -1;
+  }
+
+  /**
+   * @param {number} sequence
+   * @param {Uint8Array} payload
+   */
+  #receiveFrame(sequence, payload) {
+    if (!this.models.current) return [];
+    const number = this.#number(sequence, this.models.current);
+    const { newest } = this;
+    if (number <= newest) {
+      this.#repair(number, payload);
+      return [];
+    }
+    const { update } = this.models;
+    if (update && number >= update.first) this.#activate(update);
+    const received = /** @type {ReceivedModel} */ (this.models.current);
+    const decoded = received.decoder.decode(number - received.first, payload);
+    this.lost += number - newest - 1;
+    this.newest = number;
+    /** @type {PlayoutFrame[]} */
+    const frames = [];
+    for (const [place, timed] of decoded.faces.entries()) {
+      const isGap = place === 0 && number - newest > 1;
+      frames.push(...this.#framesUntil(received, timed, isGap));
+      const isFrozen = this.lostAt !== null && this.last;
+      this.last = { time: timed.time, face: isFrozen && this.last ? this.last.face : timed.face };
+    }
+    return frames.map((frame) => withResidual(frame, decoded.residual));
+  }
+
+  /**
+   * @param {number} number
+   * @param {Uint8Array} payload
+   */
+  #repair(number, payload) {
+    const { current } = this.models;
+    if (current && number >= current.first) current.decoder.repair(number - current.first, payload);
+  }
+
+  /** @param {ReceivedModel} update */
+  #activate(update) {
+    const { current } = this.models;
+    if (this.last && current) {
+      const ratio = update.model.call.focalPx / current.model.call.focalPx;
+      const none = new Float64Array(0);
+      const face = { ...withFocalChange(this.last.face, ratio), modes: none, layers: none };
+      this.last = { ...this.last, face };
+    }
+    this.models.activate();
+  }
+
+  /**
+   * The number of a frame packet in the call.
+   * @param {number} sequence
+   * @param {ReceivedModel} current
+   */
+  #number(sequence, current) {
+    const ahead = modulo(sequence - this.newest);
+    const number = this.newest + ahead;
+    if (!this.last && this.newest < current.first && ahead > FIRST_WINDOW) {
+      this.#joinLate();
+      this.newest = number - 1;
+    } else if (ahead >= SEQUENCE_MODULUS - LATE_WINDOW) {
+      return number - SEQUENCE_MODULUS;
+    }
+    return number;
+  }
+
+  /**
+   * Source frames after those shown before, up to the time of a coded face.
+   * @param {ReceivedModel} received
+   * @param {TimedFace} timed
+   * @param {boolean} isGap packets before it are missing
+   */
+  #framesUntil(received, timed, isGap) {
+    const { last } = this;
+    if (this.next < 0) this.next = Math.ceil(timed.time);
+    this.#checkGap(received, timed.time);
+    const frames = [];
+    for (; this.next <= timed.time; this.next++) {
+      const index = this.next;
+      if (this.lostAt !== null && last) {
+        frames.push(this.#repeated(received, index, last.face));
+      } else if (!last || index <= last.time) {
+        const isFrozen = index < received.model.call.startFrame;
+        frames.push(this.#frame(received, index, timed.face, { isFrozen }));
+      } else if (isGap && index < timed.time) {
+        frames.push(this.#frame(received, index, bridge(last, timed, index), { isLost: true }));
+      } else {
+        const share = (index - last.time) / (timed.time - last.time);
+        frames.push(this.#frame(received, index, interpolate(last.face, timed.face, share), {}));
+      }
+    }
+    return frames;
+  }
+
+  /**
+   * @param {ReceivedModel} received
+   * @param {number} index
+   * @param {Face} face
+   * @param {{isFrozen?: boolean, isLost?: boolean, presence?: number}} more
+   * @returns {PlayoutFrame}
+   */
+  #frame(received, index, face, { isFrozen = false, isLost = false, presence: shown = 1 }) {
+    const timeS = this.clock.timeOf(index, received.model.call.fps);
+    return { index, face, received, timeS, isFrozen, isLost, presence: shown, residual: null };
+  }
+
+  /**
+   * A frame that shows an older face: one that is lost goes to rest, or fades.
+   * @param {ReceivedModel} received
+   * @param {number} index
+   * @param {Face} face
+   */
+  #repeated(received, index, face) {
+    const { fps } = received.model.call;
+    if (this.lostAt === null) return this.#frame(received, index, face, {});
+    const resting = atRest(face, received.model, (index + 1 - this.lostAt) / fps);
+    const shown = this.goneAt === null ? 1 : presence(index + 1 - this.goneAt, fps);
+    return this.#frame(received, index, resting, { isFrozen: true, presence: shown });
+  }
+
+  /** @param {Extract<Packet, {kind: "control"}>} packet */
+  #receiveControl({ event, frame, ticks }) {
+    if (event === EVENTS.TIMES) this.clock.receive(frame, ticks ?? []);
+    const { current } = this.models;
+    if (!current || [EVENTS.TIMES, EVENTS.CAMERA_OFF, EVENTS.CAMERA_ON].includes(event)) return [];
+    if (event === EVENTS.JOINED) {
+      if (!this.last) this.#joinAt(current, frame);
+      return [];
+    }
+    const begin = event === EVENTS.END ? this.begin : 0;
+    const frames = this.#frozenUntil(current, begin + frame);
+    if (event === EVENTS.END) this.ended = true;
+    if (event === EVENTS.FACE_LOST) this.lostAt = frame;
+    if (event === EVENTS.PERSON_GONE) this.goneAt = frame;
+    if (event === EVENTS.FACE_FOUND) {
+      this.lostAt = null;
+      this.goneAt = null;
+      if (this.isNumbered || !this.joinedLate) {
+        const following = current.first + current.decoder.packetAt(frame);
+        this.newest = Math.max(this.newest, following - 1);
+      }
+    }
+    return frames;
+  }
+
+  /**
+   * @param {ReceivedModel} current
+   * @param {number} frame
+   */
+  #joinAt(current, frame) {
+    this.#joinLate();
+    this.begin = frame;
+    this.next = frame;
+    this.newest = current.first + current.decoder.packetAt(frame) - 1;
+    this.isNumbered = true;
+  }
+
+  /**
+   * The last face for every source frame before `end`.
+   * @param {ReceivedModel} received
+   * @param {number} end
+   */
+  #frozenUntil(received, end) {
+    const { last } = this;
+    if (!last || (this.joinedLate && !this.isNumbered)) return [];
+    this.#checkGap(received, end);
+    const frames = [];
+    for (; this.next < end; this.next++) frames.push(this.#repeated(received, this.next, last.face));
+    return frames;
+  }
+
+  /**
+   * @param {ReceivedModel} received
+   * @param {number} end
+   */
+  #checkGap(received, end) {
+    const isNear = end - this.next <= MAX_GAP_S * received.model.call.fps;
+    check(isNear, `call jumps from frame ${this.next} to ${Math.floor(end)}`);
+  }
+}
+
+/**
+ * A difference of sequence numbers, 0 to 63.
+ * @param {number} difference
+ */
+function modulo(difference) {
+  return ((difference % SEQUENCE_MODULUS) + SEQUENCE_MODULUS) % SEQUENCE_MODULUS;
+}
+
+/**
+ * A frame with its packet's residual, unless its face is not that of the packet.
+ * @param {PlayoutFrame} frame
+ * @param {CodedResidual | null} residual
+ */
+function withResidual(frame, residual) {
+  const isShown = residual && !frame.isFrozen && !frame.isLost && frame.index >= residual.first;
+  return isShown ? { ...frame, residual } : frame;
+}
