@@ -1,7 +1,7 @@
 """Write the data of the player, `player/data/player.bin`: the head, and the weights of the format.
 
 The player derives from them what `shared_model` derives from `head.npz`; positions and fields are
-in integers, fields exactly.  `player/data_file.js` says what the file is.
+in integers, at most 1/32 mm off.  `player/data_file.js` says what the file is.
 """
 
 import argparse
@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "player" / "data" / "player.bin"
 WEIGHTS = ROOT / "protocol" / "data" / "probability_model.npz"
 # Steps of positions and of fields, mm, and of texture coordinates.
-POSITION_STEP_MM, FIELD_STEP_MM, TEXTURE_STEP = 1 / 128, 1 / 64, 1 / 32767
+POSITION_STEP_MM, FIELD_STEP_MM, TEXTURE_STEP = 1 / 64, 1 / 16, 1 / 32767
 # Landmarks that the player asks for, in this order.
 LANDMARKS = "li", "sto_upper", "sto_lower"
 Stored = NDArray[Any]

@@ -1,6 +1,11 @@
 import { sameBytes } from "../format/bytes.js";
 import { check } from "../format/errors.js";
-import { decodePicture, isPicture, modeDecoder, parsePictureHeader } from "../format/pictures/picture.js";
+import {
+  decodePicture,
+  isPicture,
+  modeDecoder,
+  parsePictureHeader,
+} from "../format/pictures/picture.js";
 import { LIDS } from "../model/parameters.js";
 import { Atlas } from "./atlas.js";
 import { lidsOf, lightenLids } from "./closed_lids.js";
@@ -73,19 +78,17 @@ export class AppearanceDecoder {
    * Decode the modes that it has not decoded yet, up to the first empty one: each (size, size, 3).
    * @param {Uint8Array[]} modes
    */
-  further(modes) {
+  *further(modes) {
     const { size } = this.mean;
     check(modes.length * size * size <= MAX_MODE_TEXELS, `${modes.length} modes of ${size} texels`);
-    const decoded = [];
     for (const mode of modes.slice(this.known.length)) {
-      if (!mode.length) break;
+      if (!mode.length) return;
       const image = this.sequence.decode(mode, `mode ${this.known.length}`);
       this.colours?.complete(image);
       if (!this.isThesis) blendSurroundSeam(image);
       this.known.push(mode);
-      decoded.push(image.values);
+      yield image.values;
     }
-    return decoded;
   }
 }
 
@@ -121,7 +124,12 @@ export class Appearance {
         for (let c = 0; c < 3; c++) texture[p + c] = toByte(mean[i + c] + added[i + c]);
       }
     }
-    if (lids) lightenLids(lids, texture, LIDS.map((lid) => eau[lid]));
+    if (lids)
+      lightenLids(
+        lids,
+        texture,
+        LIDS.map((lid) => eau[lid]),
+      );
     return texture;
   }
 }

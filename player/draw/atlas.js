@@ -43,6 +43,7 @@ export class Atlas {
     /** first corner of the triangle at each texel in `head.triangles`, -1: none */
     this.owner = new Int32Array(size * size).fill(-1);
     this.weights = new Float32Array(2 * size * size);
+    /** @type {number[]} */
     const shown = [];
     for (let t = 0; t < head.triangles.length; t += 3) {
       if ([0, 1, 2].some((k) => head.opacity[head.triangles[t + k]] > 0)) shown.push(t);

@@ -1,18 +1,16 @@
 import { PICTURE_CORNERS } from "../model/layer_motion.js";
 import { bufferOf, Program, Texture, writeBuffer } from "./gl.js";
-import { changedLayer } from "./layer_colours.js";
 import { BACKGROUND } from "./shaders.js";
 
 /** @typedef {import("../model/background_mesh.js").BackgroundMesh} BackgroundMesh */
 /** @typedef {import("./background_pictures.js").BackgroundPictures} BackgroundPictures */
 /** @typedef {import("./background_pictures.js").Bitmap} Bitmap */
-/** @typedef {import("./image_filters.js").Raster} Raster */
 /** @typedef {import("./layer_colours.js").Light} Light */
 /**
  * What the layers of a frame look like.
  * @typedef {object} LayerState
  * @property {Float64Array} gridPx (rows, columns, 2) of the person's mesh
- * @property {Raster | null} change
+ * @property {Uint8ClampedArray | null} change (rows, columns, 4), see `changeOf`
  * @property {Light | null} light
  * @property {number[] | null} corners of the scene, see `movedCorners`
  */
@@ -38,39 +36,35 @@ export class BackgroundPass {
       texture.write(layer.values);
       return texture;
     });
-    this.isChanged = false;
+    const { rows: changeRows, columns: changeColumns } = pictures.changeSize;
+    this.change = new Texture(gl, changeColumns, changeRows);
     this.hasMipmaps = false;
-    this.#makeMesh(mesh);
-    this.#makeScene();
-  }
-
-  /** @param {BackgroundMesh} mesh */
-  #makeMesh({ gridPx, rows, columns }) {
-    const { gl, size } = this;
-    const coordinates = Float32Array.from(gridPx, (value, i) => (value + 0.5) / size[i & 1]);
-    const { solid, blended } = shownTriangles(rows, columns, coordinates, this.layers[0]);
+    const { gridPx, rows, columns } = mesh;
+    const coordinates = Float32Array.from(gridPx, (value, i) => (value + 0.5) / this.size[i & 1]);
+    const { solid, blended } = shownTriangles(rows, columns, coordinates, pictures.moving);
     this.solid = solid.length;
     this.count = solid.length + blended.length;
     this.grid = bufferOf(gl, Float32Array.from(gridPx));
-    this.mesh = this.program.vertexArray(
-      [
-        [this.grid, [["position_px", 2]]],
-        [bufferOf(gl, coordinates), [["texture_coordinate", 2]]],
-      ],
-      bufferOf(gl, Uint32Array.from([...solid, ...blended])),
-    );
+    const shown = Uint32Array.from([...solid, ...blended]);
+    this.mesh = this.#vertexArray(this.grid, bufferOf(gl, coordinates), shown);
+    const places = PICTURE_CORNERS.map((corner, i) => corner * this.size[i & 1] - 0.5);
+    this.corners = bufferOf(gl, Float32Array.from(PICTURE_CORNERS));
+    const strip = Uint32Array.from([0, 1, 2, 3]);
+    this.scene = this.#vertexArray(bufferOf(gl, Float32Array.from(places)), this.corners, strip);
   }
 
-  #makeScene() {
-    const { gl, size } = this;
-    const places = PICTURE_CORNERS.map((corner, i) => corner * size[i & 1] - 0.5);
-    this.corners = bufferOf(gl, Float32Array.from(PICTURE_CORNERS));
-    this.scene = this.program.vertexArray(
+  /**
+   * @param {WebGLBuffer} places
+   * @param {WebGLBuffer} coordinates
+   * @param {Uint32Array} indices
+   */
+  #vertexArray(places, coordinates, indices) {
+    return this.program.vertexArray(
       [
-        [bufferOf(gl, Float32Array.from(places)), [["position_px", 2]]],
-        [this.corners, [["texture_coordinate", 2]]],
+        [places, [["position_px", 2]]],
+        [coordinates, [["texture_coordinate", 2]]],
       ],
-      bufferOf(gl, Uint32Array.from([0, 1, 2, 3])),
+      bufferOf(this.gl, indices),
     );
   }
 
@@ -79,21 +73,20 @@ export class BackgroundPass {
    * @param {LayerState} state
    */
   draw({ gridPx, change, light, corners }) {
-    const { gl } = this;
-    const isLit = light !== null && (light.gain !== 1 || light.offset !== 0);
-    const isChanged = change !== null || isLit;
-    if (isChanged || this.isChanged) {
-      for (const [i, layer] of this.layers.entries()) {
-        this.textures[i].write(changedLayer(layer, change, light).values);
-      }
-      this.isChanged = isChanged;
-      this.hasMipmaps = false;
-    }
+    const { gl, program } = this;
+    program.use();
+    program.set("picture_px", this.size[0], this.size[1]);
+    const { gain, offset, pivot } = light ?? { gain: 1, offset: 0, pivot: 0 };
+    program.set("light", gain, (pivot - gain * pivot + offset) / 255);
+    program.setFlag("is_changed", change !== null);
+    if (change) this.change.write(change);
+    gl.activeTexture(gl.TEXTURE1);
+    this.change.use();
+    gl.activeTexture(gl.TEXTURE0);
+    program.setUnit("change", 1);
     writeBuffer(gl, this.grid, Float32Array.from(gridPx));
     this.drawScene(corners);
-    this.program.use();
-    this.program.set("picture_px", this.size[0], this.size[1]);
-    this.program.set("fade", 0);
+    program.set("fade", 0);
     this.textures[0].use();
     gl.bindVertexArray(this.mesh);
     gl.drawElements(gl.TRIANGLES, this.solid, gl.UNSIGNED_INT, 0);
@@ -103,7 +96,7 @@ export class BackgroundPass {
   }
 
   /**
-   * Draw the scene without the person, if there is one.
+   * Draw the scene without the person, if there is one, in the change and light drawn last.
    * @param {number[] | null} corners
    */
   drawScene(corners) {
@@ -118,7 +111,6 @@ export class BackgroundPass {
     }
     writeBuffer(gl, this.corners, Float32Array.from(places));
     this.program.use();
-    this.program.set("picture_px", this.size[0], this.size[1]);
     this.program.set("fade", showsUnseen ? UNSEEN_FADE : 0);
     texture.use();
     gl.bindVertexArray(this.scene);
@@ -127,7 +119,7 @@ export class BackgroundPass {
 
   /** Free the textures. */
   close() {
-    for (const texture of this.textures) texture.close();
+    for (const texture of [...this.textures, this.change]) texture.close();
   }
 }
 

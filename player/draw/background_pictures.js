@@ -1,4 +1,9 @@
-import { changeSize, isLayered, parseBackground, parseLayers } from "../format/pictures/background.js";
+import {
+  changeSize,
+  isLayered,
+  parseBackground,
+  parseLayers,
+} from "../format/pictures/background.js";
 import { decodePicture, modeDecoder } from "../format/pictures/picture.js";
 import { toByte } from "./local_colours.js";
 import { pullPushFill } from "./pull_push.js";

@@ -82,7 +82,8 @@ export class EdgeMesh {
       const y = flat[3 * b] - flat[3 * a];
       let length = Math.hypot(x, y);
       if (!length) continue;
-      const isInward = x * (flat[3 * third] - flat[3 * a]) + y * (flat[3 * third + 1] - flat[3 * a + 1]);
+      const isInward =
+        x * (flat[3 * third] - flat[3 * a]) + y * (flat[3 * third + 1] - flat[3 * a + 1]);
       if (isInward > 0) length = -length;
       found.push({ vertices: [a, b], normal: [x / length, y / length] });
       if (e < this.outside) outer = found.length;

@@ -25,7 +25,12 @@ export function faceArea(head, camera, pose, vertices) {
     points.push(place);
   }
   const area = filled(convexHull(points), width, height);
-  return averaged(area, width, height, Math.max(1, Math.round(SOFT_SHARE * Math.max(width, height))));
+  return averaged(
+    area,
+    width,
+    height,
+    Math.max(1, Math.round(SOFT_SHARE * Math.max(width, height))),
+  );
 }
 
 /**
@@ -64,7 +69,8 @@ function filled(corners, width, height) {
     for (const [i, a] of corners.entries()) {
       const b = corners[(i + 1) % corners.length];
       if (y < Math.min(a[1], b[1]) || y > Math.max(a[1], b[1])) continue;
-      const ends = a[1] === b[1] ? [a[0], b[0]] : [a[0] + ((y - a[1]) * (b[0] - a[0])) / (b[1] - a[1])];
+      const ends =
+        a[1] === b[1] ? [a[0], b[0]] : [a[0] + ((y - a[1]) * (b[0] - a[0])) / (b[1] - a[1])];
       left = Math.min(left, ...ends);
       right = Math.max(right, ...ends);
     }
@@ -83,7 +89,13 @@ function filled(corners, width, height) {
  * @param {number} e
  */
 function averaged(area, width, height, e) {
-  const along = (/** @type {Float32Array} */ from, /** @type {number} */ count, /** @type {number} */ step, /** @type {number} */ lines, /** @type {number} */ lineStep) => {
+  const along = (
+    /** @type {Float32Array} */ from,
+    /** @type {number} */ count,
+    /** @type {number} */ step,
+    /** @type {number} */ lines,
+    /** @type {number} */ lineStep,
+  ) => {
     const result = new Float32Array(from.length);
     for (let line = 0; line < lines; line++) {
       for (let i = 0; i < count; i++) {

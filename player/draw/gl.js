@@ -20,7 +20,9 @@ export class Program {
     }
     gl.linkProgram(this.program);
     if (!gl.getProgramParameter(this.program, gl.LINK_STATUS) && !gl.isContextLost()) {
-      throw new Error(`a program of the player cannot be used: ${gl.getProgramInfoLog(this.program)}`);
+      throw new Error(
+        `a program of the player cannot be used: ${gl.getProgramInfoLog(this.program)}`,
+      );
     }
   }
 
@@ -47,6 +49,15 @@ export class Program {
    */
   setFlag(name, value) {
     this.gl.uniform1i(this.gl.getUniformLocation(this.program, name), value ? 1 : 0);
+  }
+
+  /**
+   * Let a uniform sampler of the program in use take the texture of a unit.
+   * @param {string} name
+   * @param {number} unit
+   */
+  setUnit(name, unit) {
+    this.gl.uniform1i(this.gl.getUniformLocation(this.program, name), unit);
   }
 
   /**
@@ -148,7 +159,11 @@ export class Texture {
     const { gl } = this;
     gl.bindTexture(gl.TEXTURE_2D, this.texture);
     if (isOn) gl.generateMipmap(gl.TEXTURE_2D);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, isOn ? gl.LINEAR_MIPMAP_LINEAR : gl.LINEAR);
+    gl.texParameteri(
+      gl.TEXTURE_2D,
+      gl.TEXTURE_MIN_FILTER,
+      isOn ? gl.LINEAR_MIPMAP_LINEAR : gl.LINEAR,
+    );
   }
 
   /** Draw with it from now on. */

@@ -36,40 +36,49 @@ export class HeadPass {
     this.falloff = teethFalloff(head);
     this.inside = Uint8Array.from({ length: head.count }, (_, v) => (insideMouth(head, v) ? 1 : 0));
     this.edges = new EdgeMesh(head);
-    this.#makeHead();
-    this.#makeEdges();
-  }
-
-  #makeHead() {
-    const { gl, head } = this;
     const { ordered, ends } = drawingOrder(head);
     this.ends = { ...ends, all: ordered.length };
     this.program = new Program(gl, HEAD);
+    this.positions = bufferOf(gl, new Float32Array(3 * head.count));
+    this.array = this.#headArray(ordered);
+    this.edgeProgram = new Program(gl, EDGE);
+    this.strips = bufferOf(gl, this.edges.strips);
+    this.edgeArray = this.#edgeArray();
+  }
+
+  /** @param {Uint16Array} ordered */
+  #headArray(ordered) {
+    const { gl, head } = this;
     const attributes = new Float32Array(5 * head.count);
     for (let v = 0; v < head.count; v++) {
       const [u, w] = head.textureCoordinates.subarray(2 * v, 2 * v + 2);
       attributes.set([u, w, head.opacity[v], this.inside[v], this.falloff[v]], 5 * v);
     }
-    this.positions = bufferOf(gl, new Float32Array(3 * head.count));
-    this.array = this.program.vertexArray(
+    return this.program.vertexArray(
       [
         [this.positions, [["position_mm", 3]]],
         [
           bufferOf(gl, attributes),
-          [["texture_coordinate", 2], ["vertex_opacity", 1], ["inside_mouth", 1], ["teeth_falloff", 1]],
+          [
+            ["texture_coordinate", 2],
+            ["vertex_opacity", 1],
+            ["inside_mouth", 1],
+            ["teeth_falloff", 1],
+          ],
         ],
       ],
       bufferOf(gl, ordered),
     );
   }
 
-  #makeEdges() {
+  #edgeArray() {
     const { gl } = this;
-    this.edgeProgram = new Program(gl, EDGE);
     const count = this.edges.strips.length / (4 * VERTEX_FLOATS);
-    const quads = Uint32Array.from({ length: 6 * count }, (_, i) => 4 * Math.floor(i / 6) + [0, 1, 2, 0, 2, 3][i % 6]);
-    this.strips = bufferOf(gl, this.edges.strips);
-    this.edgeArray = this.edgeProgram.vertexArray(
+    const quads = Uint32Array.from(
+      { length: 6 * count },
+      (_, i) => 4 * Math.floor(i / 6) + [0, 1, 2, 0, 2, 3][i % 6],
+    );
+    return this.edgeProgram.vertexArray(
       [
         [
           this.strips,
@@ -182,7 +191,10 @@ function flattened(clip, width, height, vertices) {
   const scale = [width / 2, height / 2, 1];
   const flat = new Float64Array(vertices.length);
   const row = (/** @type {number} */ k, /** @type {number} */ i) =>
-    clip[4 * k] * vertices[i] + clip[4 * k + 1] * vertices[i + 1] + clip[4 * k + 2] * vertices[i + 2] + clip[4 * k + 3];
+    clip[4 * k] * vertices[i] +
+    clip[4 * k + 1] * vertices[i + 1] +
+    clip[4 * k + 2] * vertices[i + 2] +
+    clip[4 * k + 3];
   for (let i = 0; i < vertices.length; i += 3) {
     const depth = row(3, i);
     for (let k = 0; k < 3; k++) flat[i + k] = (row(k, i) / depth) * scale[k];

@@ -46,7 +46,8 @@ function reduced({ height, width, channels, values }) {
       const at = (i * result.width + j) * channels;
       for (let k = 0; k < rows; k++) {
         const from = ((i * REDUCTION + k) * width + j * REDUCTION) * channels;
-        for (let l = 0; l < columns * channels; l++) result.values[at + (l % channels)] += values[from + l];
+        for (let l = 0; l < columns * channels; l++)
+          result.values[at + (l % channels)] += values[from + l];
       }
       for (let c = 0; c < channels; c++) result.values[at + c] /= rows * columns;
     }
@@ -99,13 +100,18 @@ function alongRows({ height, width, channels, values }, kernel) {
       let at = Math.abs(j) % (2 * last);
       if (at > last) at = 2 * last - at;
       for (let c = 0; c < channels; c++) {
-        line[(j + reach) * channels + c] = values[(i * width + Math.min(at, width - 1)) * channels + c];
+        line[(j + reach) * channels + c] =
+          values[(i * width + Math.min(at, width - 1)) * channels + c];
       }
     }
     const size = width * channels;
+    const far = 2 * reach * channels;
     for (let k = 0; k < size; k++) {
-      let sum = 0;
-      for (let t = 0, at = k; t < kernel.length; t++, at += channels) sum += kernel[t] * line[at];
+      // The kernel is symmetric.
+      let sum = kernel[reach] * line[k + reach * channels];
+      for (let t = 0, at = k, other = k + far; t < reach; t++, at += channels, other -= channels) {
+        sum += kernel[t] * (line[at] + line[other]);
+      }
       result.values[i * size + k] = sum;
     }
   }
@@ -124,18 +130,25 @@ export function resized(raster, height, width) {
   const rows = middles(height, raster.height);
   const columns = middles(width, raster.width);
   const { channels, values } = raster;
-  const result = emptyRaster(height, width, channels);
-  for (let i = 0; i < height; i++) {
-    const [top, bottom, down] = rows[i];
+  const across = emptyRaster(raster.height, width, channels);
+  for (let i = 0, to = 0; i < raster.height; i++) {
     for (let j = 0; j < width; j++) {
-      const [left, right, across] = columns[j];
-      for (let c = 0; c < channels; c++) {
-        const at = (/** @type {number} */ row, /** @type {number} */ column) =>
-          values[(row * raster.width + column) * channels + c];
-        const upper = at(top, left) + across * (at(top, right) - at(top, left));
-        const lower = at(bottom, left) + across * (at(bottom, right) - at(bottom, left));
-        result.values[(i * width + j) * channels + c] = upper + down * (lower - upper);
+      const left = (i * raster.width + columns.low[j]) * channels;
+      const right = (i * raster.width + columns.high[j]) * channels;
+      for (let c = 0; c < channels; c++, to++) {
+        across.values[to] =
+          values[left + c] + columns.part[j] * (values[right + c] - values[left + c]);
       }
+    }
+  }
+  const result = emptyRaster(height, width, channels);
+  const size = width * channels;
+  for (let i = 0; i < height; i++) {
+    const top = rows.low[i] * size;
+    const bottom = rows.high[i] * size;
+    for (let k = 0; k < size; k++) {
+      const upper = across.values[top + k];
+      result.values[i * size + k] = upper + rows.part[i] * (across.values[bottom + k] - upper);
     }
   }
   return result;
@@ -147,36 +160,49 @@ export function resized(raster, height, width) {
  * @param {number} known
  */
 function middles(count, known) {
-  return Array.from({ length: count }, (_, i) => {
+  const low = new Int32Array(count);
+  const high = new Int32Array(count);
+  const part = new Float64Array(count);
+  for (let i = 0; i < count; i++) {
     const at = Math.min(Math.max(((i + 0.5) * known) / count - 0.5, 0), known - 1);
-    const low = Math.floor(at);
-    return [low, Math.min(low + 1, known - 1), at - low];
-  });
+    low[i] = Math.floor(at);
+    high[i] = Math.min(low[i] + 1, known - 1);
+    part[i] = at - low[i];
+  }
+  return { low, high, part };
 }
 
 /**
- * The least, or the greatest, values within a square of an odd side around each.
+ * The greatest values within a square of an odd side around each; of `sign` -1 the least ones.
  * @param {Raster} raster
  * @param {number} side
- * @param {(a: number, b: number) => number} pick
+ * @param {1 | -1} sign
  */
-export function extremes(raster, side, pick) {
-  const reach = side >> 1;
-  const across = (/** @type {Raster} */ { height, width, channels, values }) => {
-    const result = emptyRaster(height, width, channels);
-    for (let i = 0; i < height; i++) {
-      for (let j = 0; j < width; j++) {
-        for (let c = 0; c < channels; c++) {
-          let found = values[(i * width + j) * channels + c];
-          const end = Math.min(j + reach, width - 1);
-          for (let k = Math.max(j - reach, 0); k <= end; k++) {
-            found = pick(found, values[(i * width + k) * channels + c]);
-          }
-          result.values[(i * width + j) * channels + c] = found;
-        }
+export function extremes(raster, side, sign) {
+  return transposed(rowExtremes(transposed(rowExtremes(raster, side, sign)), side, sign));
+}
+
+/**
+ * @param {Raster} raster
+ * @param {number} side
+ * @param {1 | -1} sign
+ */
+function rowExtremes({ height, width, channels, values }, side, sign) {
+  const reach = (side >> 1) * channels;
+  const size = width * channels;
+  const result = emptyRaster(height, width, channels);
+  for (let i = 0; i < height; i++) {
+    const start = i * size;
+    for (let k = 0; k < size; k++) {
+      let found = -Infinity;
+      const first = k - reach < 0 ? k % channels : k - reach;
+      const end = Math.min(k + reach, size - 1);
+      for (let at = first; at <= end; at += channels) {
+        const value = sign * values[start + at];
+        if (value > found) found = value;
       }
+      result.values[start + k] = sign * found;
     }
-    return result;
-  };
-  return transposed(across(transposed(across(raster))));
+  }
+  return result;
 }

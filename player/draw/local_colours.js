@@ -86,21 +86,34 @@ export class LocalColours {
     const isPart = Uint8Array.from({ length: size * size }, (_, at) =>
       atlas.partAt(at) === part ? 1 : 0,
     );
-    const weighted = rasterOf(size, 4, (at, c) => isPart[at] * (c < 3 ? planes.values[3 * at + c] : 1));
+    const weighted = rasterOf(
+      size,
+      4,
+      (at, c) => isPart[at] * (c < 3 ? planes.values[3 * at + c] : 1),
+    );
     const sums = blurred(weighted, REACH * size).values;
     const averaged = (/** @type {number} */ at, /** @type {number} */ c) =>
       sums[4 * at + c] / Math.max(sums[4 * at + 3], 1e-3);
-    const around = rasterOf(size, 2, (at, c) => averaged(at, c + 1) / Math.max(averaged(at, 0), MIN_LUMA));
-    const isSeen = isPart.map((is, at) => (is && coarse.values[3 * at] > BRIGHT * averaged(at, 0) ? 1 : 0));
-    const share = blurred(rasterOf(size, 1, (at) => (isSeen[at] ? BRIGHT_SHARE : SHARE)), SENT_REACH);
+    const around = rasterOf(
+      size,
+      2,
+      (at, c) => averaged(at, c + 1) / Math.max(averaged(at, 0), MIN_LUMA),
+    );
+    const isSeen = isPart.map((is, at) =>
+      is && coarse.values[3 * at] > BRIGHT * averaged(at, 0) ? 1 : 0,
+    );
+    const share = blurred(
+      rasterOf(size, 1, (at) => (isSeen[at] ? BRIGHT_SHARE : SHARE)),
+      SENT_REACH,
+    );
     const usual = around.values.map((value) => SHARE * value);
     const seen = rasterOf(size, 2, (at, c) => {
       const own = coarse.values[3 * at + 1 + c] / Math.max(coarse.values[3 * at], MIN_LUMA);
       return isSeen[at] ? own : usual[2 * at + c];
     });
     const side = 2 * Math.round(NEAR * size) + 1;
-    const least = extremes(seen, side, Math.min).values;
-    const most = extremes(seen, side, Math.max).values;
+    const least = extremes(seen, side, -1).values;
+    const most = extremes(seen, side, 1).values;
     for (let i = 0; i < 2 * size * size; i++) {
       if (!isPart[i >> 1]) continue;
       this.expected[i] = share.values[i >> 1] * around.values[i];
@@ -116,10 +129,16 @@ export class LocalColours {
   complete(mode) {
     const { size, expected } = this;
     const planes = toPlanes(mode);
-    const luma = blurred(rasterOf(size, 1, (at) => planes.values[3 * at]), COARSE).values;
+    const luma = blurred(
+      rasterOf(size, 1, (at) => planes.values[3 * at]),
+      COARSE,
+    ).values;
     const added = expected.map((value, i) => value * luma[i >> 1]);
     const strength = (/** @type {(at: number, c: number) => number} */ of) =>
-      blurred(rasterOf(size, 1, (at) => Math.hypot(of(at, 0), of(at, 1))), SENT_REACH).values;
+      blurred(
+        rasterOf(size, 1, (at) => Math.hypot(of(at, 0), of(at, 1))),
+        SENT_REACH,
+      ).values;
     const sent = strength((at, c) => planes.values[3 * at + 1 + c]);
     const limit = strength((at, c) => added[2 * at + c]);
     for (let at = 0; at < size * size; at++) {
@@ -148,7 +167,7 @@ export function limitColours({ low, high }, mean, added, drawn) {
     const green = mean[i + 1] + added[i + 1];
     let blue = mean[i + 2] + added[i + 2];
     const luma = BLUE * blue + GREEN * green + RED * red;
-    const bright = luma > 0 ? luma : 0;
+    const bright = Math.max(luma, 0);
     blue = luma + within(blue - luma, low[at] * bright, high[at] * bright);
     red = luma + within(red - luma, low[at + 1] * bright, high[at + 1] * bright);
     drawn[p] = toByte(red);
@@ -164,7 +183,7 @@ export function limitColours({ low, high }, mean, added, drawn) {
  */
 function within(difference, low, high) {
   if (difference < low - SLACK_GREY) return Math.min(low - SLACK_GREY, high + SLACK_GREY);
-  return difference > high + SLACK_GREY ? high + SLACK_GREY : difference;
+  return Math.min(difference, high + SLACK_GREY);
 }
 
 /**

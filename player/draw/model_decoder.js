@@ -18,12 +18,13 @@ import { decodeBackground } from "./background_pictures.js";
  * @property {Uint8Array} background
  */
 /**
- * What has been decoded of a model; null: as of the model before.
- * @typedef {object} DecodedPictures
+ * A step of the decoding of a model: what it adds to the pictures of the model before, or of the
+ * steps before.  A mean replaces the modes as well; null: as before.
+ * @typedef {object} DecodedStep
  * @property {MeanTexture | null} mean
- * @property {Float32Array[]} modes those beside the ones of the model before, where its texture is
- *     taken over
+ * @property {Float32Array[]} modes
  * @property {BackgroundPictures | null} background
+ * @property {boolean} isLast
  */
 
 /** Decodes the pictures of one model after another: it takes longest, so a worker does it. */
@@ -34,27 +35,32 @@ export class ModelDecoder {
     this.heads = new Heads(data);
     /** @type {AppearanceDecoder | null} */
     this.appearance = null;
+    /** @type {Uint8Array} of the model before */
     this.background = new Uint8Array(0);
   }
 
   /**
-   * Decode what of a model has not been decoded.  Throws `FormatError` if it is damaged.
+   * Decode what of a model has not been decoded: first what can be drawn, then mode by mode.
+   * Throws `FormatError` if it is damaged.
    * @param {CodedPictures} coded
-   * @returns {DecodedPictures}
+   * @returns {Generator<DecodedStep>}
    */
-  decode({ isThesis, width, height, texture, modes, background }) {
+  *decode({ isThesis, width, height, texture, modes, background }) {
     let mean = null;
     if (!this.appearance?.isOf(texture, modes)) {
       const head = this.heads.of({ isThesis });
       this.appearance = new AppearanceDecoder(this.networks, head, texture, isThesis);
       mean = this.appearance.mean;
     }
-    const further = this.appearance.further(modes);
     let pictures = null;
     if (!this.background.length || !sameBytes(this.background, background)) {
       pictures = decodeBackground(this.networks, background, width, height);
       this.background = background;
     }
-    return { mean, modes: further, background: pictures };
+    if (mean || pictures) yield { mean, modes: [], background: pictures, isLast: false };
+    for (const mode of this.appearance.further(modes)) {
+      yield { mean: null, modes: [mode], background: null, isLast: false };
+    }
+    yield { mean: null, modes: [], background: null, isLast: true };
   }
 }

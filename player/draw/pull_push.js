@@ -19,7 +19,9 @@ export function pullPushFill(raster, known) {
     for (let j = 0; j < width; j++) {
       const at = i * width + j;
       for (let c = 0; c < channels; c++) {
-        result.values[at * channels + c] = known[at] ? values[at * channels + c] : doubled(coarse, i, j, c);
+        result.values[at * channels + c] = known[at]
+          ? values[at * channels + c]
+          : doubled(coarse, i, j, c);
       }
     }
   }
@@ -60,7 +62,8 @@ function halved({ height, width, channels, values }, known) {
       if (!known[from]) continue;
       const to = (i >> 1) * means.width + (j >> 1);
       counts[to]++;
-      for (let c = 0; c < channels; c++) means.values[to * channels + c] += values[from * channels + c];
+      for (let c = 0; c < channels; c++)
+        means.values[to * channels + c] += values[from * channels + c];
     }
   }
   means.values.forEach((sum, i) => {
@@ -81,7 +84,8 @@ function doubled({ height, width, channels, values }, i, j, c) {
   const column = j >> 1;
   const otherRow = Math.min(Math.max(row + (i % 2 ? 1 : -1), 0), height - 1);
   const otherColumn = Math.min(Math.max(column + (j % 2 ? 1 : -1), 0), width - 1);
-  const at = (/** @type {number} */ r, /** @type {number} */ k) => values[(r * width + k) * channels + c];
+  const at = (/** @type {number} */ r, /** @type {number} */ k) =>
+    values[(r * width + k) * channels + c];
   const near = 0.75 * at(row, column) + 0.25 * at(row, otherColumn);
   const far = 0.75 * at(otherRow, column) + 0.25 * at(otherRow, otherColumn);
   return 0.75 * near + 0.25 * far;

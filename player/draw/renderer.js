@@ -100,7 +100,11 @@ export class Renderer {
 export function clipFromHead({ width, height, focalPx }, { translation }, rotation) {
   const near = Math.max(translation[2] - DEPTH_RANGE_MM, NEAR_MM);
   const far = Math.max(translation[2] + DEPTH_RANGE_MM, near + DEPTH_RANGE_MM);
-  const row = (/** @type {number} */ k, /** @type {number} */ scale, /** @type {number} */ offset) => [
+  const row = (
+    /** @type {number} */ k,
+    /** @type {number} */ scale,
+    /** @type {number} */ offset,
+  ) => [
     ...rotation.slice(3 * k, 3 * k + 3).map((value) => scale * value),
     scale * translation[k] + offset,
   ];

@@ -30,7 +30,9 @@ export class ResidualPicture {
     if (this.coded !== coded) {
       this.coded = coded;
       this.pictures = null;
-      this.pictures = new ResidualPictures(parseTiles(coded.data, this.width, this.height, coded.frames));
+      this.pictures = new ResidualPictures(
+        parseTiles(coded.data, this.width, this.height, coded.frames),
+      );
     }
     const place = index - coded.first;
     if (!this.pictures || place < 0 || place >= coded.frames) return;
@@ -47,7 +49,9 @@ export class ResidualPicture {
         const blue = luma + 2 * (outside * coarse[1][j] + fine[1][j]);
         const red = luma + 2 * (outside * coarse[2][j] + fine[2][j]);
         pixels[4 * p] = Math.floor(pixels[4 * p] + red + 0.5);
-        pixels[4 * p + 1] = Math.floor(pixels[4 * p + 1] + (luma - BLUE * blue - RED * red) / GREEN + 0.5);
+        pixels[4 * p + 1] = Math.floor(
+          pixels[4 * p + 1] + (luma - BLUE * blue - RED * red) / GREEN + 0.5,
+        );
         pixels[4 * p + 2] = Math.floor(pixels[4 * p + 2] + blue + 0.5);
       }
     }

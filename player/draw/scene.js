@@ -11,6 +11,7 @@ import { clipFromHead, isCoarse, Renderer } from "./renderer.js";
 import { ResidualPicture } from "./residual_picture.js";
 
 /** @typedef {import("../model/head.js").Head} Head */
+/** @typedef {import("../model/heads.js").Heads} Heads */
 /** @typedef {import("../model/parameters.js").Pose} Pose */
 /** @typedef {import("../playout/playout.js").PlayoutFrame} PlayoutFrame */
 /** @typedef {import("../playout/received_models.js").ReceivedModel} ReceivedModel */
@@ -32,17 +33,18 @@ const OPEN_MOUTH_MM = 12;
 export class Scene {
   /**
    * @param {WebGL2RenderingContext} gl whose canvas has the size of the pictures
-   * @param {Head} head
+   * @param {Heads} heads
    * @param {ReceivedModel} received
    * @param {ModelPictures} pictures
    */
-  constructor(gl, head, { model }, pictures) {
+  constructor(gl, heads, { model }, pictures) {
+    const head = heads.of(model.call);
     this.head = head;
     this.model = model;
     this.layers = { ...pictures.background, changes: pictures.background.changes.length };
     this.pictures = pictures;
     this.camera = model.call;
-    this.person = new Person(head, model);
+    this.person = new Person(head, heads.residualBasisOf(model.call), model);
     const reference = referenceFace(model);
     const vertices = this.person.animate(reference.eau);
     this.mesh = new BackgroundMesh(this.camera, reference.pose, head, vertices);
@@ -73,7 +75,12 @@ export class Scene {
     if (presence < 1 && this.pictures.background.still) this.#fade(presence, layers);
     if (residual) {
       const pixels = this.renderer.read();
-      this.residual.addTo(pixels, residual, index, faceArea(this.head, this.camera, pose, vertices));
+      this.residual.addTo(
+        pixels,
+        residual,
+        index,
+        faceArea(this.head, this.camera, pose, vertices),
+      );
       this.renderer.write(pixels);
     }
   }
@@ -109,6 +116,14 @@ export class Scene {
       pixels[i] = Math.round(presence * pixels[i] + (1 - presence) * empty[i]);
     }
     this.renderer.write(pixels);
+  }
+
+  /**
+   * Draw with these appearance modes from now on.
+   * @param {Float32Array[]} modes
+   */
+  setModes(modes) {
+    this.appearance.modes = modes;
   }
 
   /** Show the frame drawn last on the canvas. */

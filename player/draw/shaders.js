@@ -82,18 +82,28 @@ void main() {
 }`,
   fragment: `${HEADER}
 uniform sampler2D picture;
+// What is added to its colours, 128 grey levels more than that.
+uniform sampler2D change;
+uniform bool is_changed;
+// Light: colours v become gain v + offset.
+uniform vec2 light;
 uniform float fade;
 in vec2 uv;
 out vec4 colour;
 const float MOST_BLURRED = 5.0;
+vec4 layer(vec2 at, float level) {
+    vec4 own = textureLod(picture, at, level);
+    if (is_changed) own.rgb = clamp(own.rgb + textureLod(change, at, 0.0).rgb - 128.0 / 255.0, 0.0, 1.0);
+    return vec4(clamp(light.x * own.rgb + light.y, 0.0, 1.0), own.a);
+}
 void main() {
     vec2 beyond = max(abs(uv - 0.5) - 0.5, 0.0);
     float away = max(beyond.x, beyond.y);
     if (fade == 0.0 || away == 0.0) {
-        colour = textureLod(picture, uv, 0.0);
+        colour = layer(uv, 0.0);
         return;
     }
     vec2 mirrored = 1.0 - abs(1.0 - mod(uv, 2.0));
-    colour = textureLod(picture, mirrored, MOST_BLURRED * min(away / fade, 1.0));
+    colour = layer(mirrored, MOST_BLURRED * min(away / fade, 1.0));
 }`,
 };

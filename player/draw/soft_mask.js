@@ -41,6 +41,7 @@ function feathered(mask, side) {
     Math.exp(-((i - FEATHER_REACH) ** 2) / (2 * FEATHER_SIGMA ** 2)),
   );
   const total = weights.reduce((sum, weight) => sum + weight);
+  /** @type {import("./image_filters.js").Raster} */
   let raster = rasterOf(mask, side);
   for (const step of [side, 1]) {
     const result = emptyRaster(side, side, 1);

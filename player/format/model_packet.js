@@ -101,7 +101,10 @@ class Fields {
    */
   codes(key, count) {
     const data = this.bytes(key, count);
-    check(data.length === count, `model packet: ${key} has ${data.length} codes, expected ${count}`);
+    check(
+      data.length === count,
+      `model packet: ${key} has ${data.length} codes, expected ${count}`,
+    );
     return new Int8Array(data);
   }
 

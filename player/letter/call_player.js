@@ -2,7 +2,7 @@ import { readDataFile } from "../data_file.js";
 import { Scene } from "../draw/scene.js";
 import { Heads } from "../model/heads.js";
 import { readCall } from "../playout/call.js";
-import { codedPictures, completed, modelsOf } from "../playout/models_of_call.js";
+import { afterStep, codedPictures, modelsOf } from "../playout/models_of_call.js";
 
 /** @typedef {import("../draw/scene.js").ModelPictures} ModelPictures */
 /** @typedef {import("../playout/received_models.js").ReceivedModel} ReceivedModel */
@@ -25,12 +25,16 @@ export class CallPlayer {
     canvas.width = width;
     canvas.height = height;
     const options = { alpha: false, antialias: false, depth: false };
-    this.gl = canvas.getContext("webgl2", options);
+    this.gl = /** @type {WebGL2RenderingContext | null} */ (canvas.getContext("webgl2", options));
     this.durationS = this.frames[this.frames.length - 1].timeS - this.startS + 1 / fps;
     this.heads = new Heads(readDataFile(data));
     this.models = modelsOf(this.frames);
-    /** @type {Map<ReceivedModel, ModelPictures | string>} pictures, or what is wrong with them */
+    /** @type {Map<ReceivedModel, ModelPictures>} as far as they have been decoded */
     this.pictures = new Map();
+    this.decoded = 0;
+    /** @type {string[]} what is wrong with models */
+    this.errors = [];
+    this.onMore = () => {};
     /** @type {{received: ReceivedModel, scene: Scene} | null} */
     this.shown = null;
     this.#decode(worker, data);
@@ -42,10 +46,18 @@ export class CallPlayer {
    */
   #decode(worker, data) {
     worker.onmessage = (/** @type {MessageEvent<Answer>} */ { data: answer }) => {
-      const received = this.models[this.pictures.size];
-      const before = this.pictures.get(this.models[this.pictures.size - 1]);
-      const known = typeof before === "object" ? before : undefined;
-      this.pictures.set(received, "error" in answer ? answer.error : completed(answer, known));
+      const received = this.models[this.decoded];
+      if ("error" in answer) {
+        this.errors.push(answer.error);
+        this.decoded++;
+        return;
+      }
+      const known = this.pictures.get(received) ?? this.pictures.get(this.models[this.decoded - 1]);
+      const pictures = afterStep(answer, known);
+      this.pictures.set(received, pictures);
+      if (this.shown?.received === received) this.shown.scene.setModes(pictures.modes);
+      if (answer.isLast) this.decoded++;
+      this.onMore();
     };
     worker.postMessage({ data });
     for (const received of this.models) worker.postMessage(codedPictures(received));
@@ -53,13 +65,12 @@ export class CallPlayer {
 
   /** Whether all models have been decoded. */
   get isDecoded() {
-    return this.pictures.size === this.models.length;
+    return this.decoded === this.models.length;
   }
 
   /** What is wrong with the call, in one line; empty: nothing. */
   get damage() {
-    const broken = [...this.pictures.values()].filter((each) => typeof each === "string");
-    const [first] = [...broken, ...this.call.damages];
+    const [first] = [...this.errors, ...this.call.damages];
     if (first) return `damaged: ${first}`;
     return this.call.isComplete ? "" : "the call has no end: shown up to its last packet";
   }
@@ -86,12 +97,11 @@ export class CallPlayer {
   draw(index) {
     const frame = this.frames[index];
     const pictures = this.pictures.get(frame.received);
-    if (pictures === undefined || !this.gl) return false;
-    if (typeof pictures === "string") return true;
+    if (!pictures || !this.gl) return this.isDecoded;
     if (this.shown?.received !== frame.received) {
       this.shown?.scene.close();
-      const head = this.heads.of(frame.received.model.call);
-      this.shown = { received: frame.received, scene: new Scene(this.gl, head, frame.received, pictures) };
+      const scene = new Scene(this.gl, this.heads, frame.received, pictures);
+      this.shown = { received: frame.received, scene };
     }
     this.shown.scene.draw(frame);
     this.shown.scene.show();

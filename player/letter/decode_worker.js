@@ -1,11 +1,11 @@
 import { readDataFile } from "../data_file.js";
-import { FormatError } from "../format/errors.js";
 import { ModelDecoder } from "../draw/model_decoder.js";
+import { FormatError } from "../format/errors.js";
 
 /** @typedef {import("../draw/model_decoder.js").CodedPictures} CodedPictures */
-/** @typedef {import("../draw/model_decoder.js").DecodedPictures} DecodedPictures */
+/** @typedef {import("../draw/model_decoder.js").DecodedStep} DecodedStep */
 /** What a worker is told: first the data file, then models. @typedef {{data: ArrayBuffer} | CodedPictures} Order */
-/** What it answers for each model. @typedef {DecodedPictures | {error: string}} Answer */
+/** What it answers: the steps of each model in turn, up to the last one or an error. @typedef {DecodedStep | {error: string}} Answer */
 
 /** Decode in this worker, in the order of the messages. */
 export function runDecodeWorker() {
@@ -17,7 +17,7 @@ export function runDecodeWorker() {
       return;
     }
     try {
-      postMessage(/** @type {ModelDecoder} */ (decoder).decode(order));
+      for (const step of /** @type {ModelDecoder} */ (decoder).decode(order)) postMessage(step);
     } catch (error) {
       if (!(error instanceof FormatError)) throw error;
       postMessage({ error: error.message });

@@ -51,6 +51,9 @@ class LetterPage {
     const { width, height } = frames[0].received.model.call;
     const length = `${player.durationS.toFixed(1)} s of ${width}x${height}`;
     element("about", HTMLParagraphElement).textContent = `${length} in ${size(call.bytes)}`;
+    player.onMore = () => {
+      this.drawn = -1;
+    };
     this.#listen();
   }
 
@@ -92,7 +95,10 @@ class LetterPage {
 
   #toggleFullScreen() {
     if (document.fullscreenElement) document.exitFullscreen();
-    else element("screen", HTMLElement).requestFullscreen().catch(() => {});
+    else
+      element("screen", HTMLElement)
+        .requestFullscreen()
+        .catch(() => {});
   }
 
   /** Show the frame whose time it is, and so on. */

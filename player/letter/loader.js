@@ -6,7 +6,9 @@
     return Uint8Array.from(atob(part.textContent ?? ""), (each) => each.charCodeAt(0));
   };
   const inflated = (/** @type {string} */ id) =>
-    new Response(new Blob([bytes(id)]).stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer();
+    new Response(
+      new Blob([bytes(id)]).stream().pipeThrough(new DecompressionStream("deflate")),
+    ).arrayBuffer();
   try {
     const [player, data] = await Promise.all([inflated("player"), inflated("data")]);
     const script = URL.createObjectURL(new Blob([player], { type: "text/javascript" }));

@@ -1,6 +1,13 @@
 // How the layer of the person moves with the head; see `shared_model/layers/head_motion.py`.
 import { check } from "../format/errors.js";
-import { cameraFromHead, conjugate, matrixFromQuaternion, multiply, pixelFromCamera, pixelFromHead } from "./geometry.js";
+import {
+  cameraFromHead,
+  conjugate,
+  matrixFromQuaternion,
+  multiply,
+  pixelFromCamera,
+  pixelFromHead,
+} from "./geometry.js";
 import { PARTS } from "./head.js";
 import { maxUnfoldedStep } from "./mesh_folding.js";
 import { clip, smoothstep } from "./parameters.js";
@@ -37,28 +44,19 @@ export class BackgroundMesh {
     const pixels = pixelFromHead(camera, reference, vertices);
     this.faceWidthPx = faceWidth(head, pixels);
     checkReference(reference, vertices, this.faceWidthPx);
-    this.#layOut();
+    const { rows, columns, gridPx } = layOut(camera, this.faceWidthPx);
+    this.rows = rows;
+    this.columns = columns;
+    this.gridPx = gridPx;
+    const cellArea = (camera.width / (columns - 1)) * (camera.height / (rows - 1));
+    this.minArea = MIN_AREA * cellArea;
     const outline = selected(pixels, (v) => head.parts[v] !== PARTS.SURROUND);
     this.distancePx = this.#distances(outline);
     this.rotationWeight = this.#rotationWeights(outline);
     this.rigidMm = this.lift(this.gridPx);
+    this.edges = this.#edgeFalloff();
     const sigma = SKIN_SIGMA * this.faceWidthPx;
     this.skin = new SkinConstraints(this, head, vertices, sigma);
-  }
-
-  /** Points (rows, columns, 2) evenly over the picture, pixels. */
-  #layOut() {
-    const { width, height } = this.camera;
-    const cell = Math.max(this.faceWidthPx / CELLS_PER_FACE, Math.max(width, height) / MAX_CELLS);
-    this.columns = Math.ceil(width / cell) + 1;
-    this.rows = Math.ceil(height / cell) + 1;
-    this.gridPx = new Float64Array(this.rows * this.columns * 2);
-    for (let p = 0; p < this.rows * this.columns; p++) {
-      this.gridPx[2 * p] = -0.5 + ((p % this.columns) * width) / (this.columns - 1);
-      this.gridPx[2 * p + 1] = -0.5 + (Math.floor(p / this.columns) * height) / (this.rows - 1);
-    }
-    const dx = width / (this.columns - 1);
-    this.minArea = (MIN_AREA * dx * height) / (this.rows - 1);
   }
 
   /**
@@ -166,7 +164,8 @@ export class BackgroundMesh {
       }
     }
     const reach = Math.max(FALLOFF_WIDTH * this.faceWidthPx, (1.5 * largest) / MAX_STRAIN);
-    for (let i = 0; i < motion.length; i++) motion[i] *= 1 - smoothstep(this.distancePx[i >> 1] / reach);
+    for (let i = 0; i < motion.length; i++)
+      motion[i] *= 1 - smoothstep(this.distancePx[i >> 1] / reach);
   }
 
   /**
@@ -174,7 +173,6 @@ export class BackgroundMesh {
    * @param {Float64Array} motion (rows, columns, 2)
    */
   #holdEdges(motion) {
-    this.edges ??= this.#edgeFalloff();
     const { fromFirst, fromLast } = this.edges;
     return motion.map((value, i) => value * (value > 0 ? fromFirst[i] : fromLast[i]));
   }
@@ -195,10 +193,29 @@ export class BackgroundMesh {
       const within = (/** @type {number} */ x) => clip(x, reach / CELLS_PER_FACE, reach);
       return { first, last, before: within(low - first), after: within(last - high) };
     });
-    const fromFirst = gridPx.map((x, i) => smoothstep((x - ends[i & 1].first) / ends[i & 1].before));
+    const fromFirst = gridPx.map((x, i) =>
+      smoothstep((x - ends[i & 1].first) / ends[i & 1].before),
+    );
     const fromLast = gridPx.map((x, i) => smoothstep((ends[i & 1].last - x) / ends[i & 1].after));
     return { fromFirst, fromLast };
   }
+}
+
+/**
+ * Points (rows, columns, 2) evenly over the picture, pixels.
+ * @param {Camera} camera
+ * @param {number} faceWidthPx
+ */
+function layOut({ width, height }, faceWidthPx) {
+  const cell = Math.max(faceWidthPx / CELLS_PER_FACE, Math.max(width, height) / MAX_CELLS);
+  const columns = Math.ceil(width / cell) + 1;
+  const rows = Math.ceil(height / cell) + 1;
+  const gridPx = new Float64Array(rows * columns * 2);
+  for (let p = 0; p < rows * columns; p++) {
+    gridPx[2 * p] = -0.5 + ((p % columns) * width) / (columns - 1);
+    gridPx[2 * p + 1] = -0.5 + (Math.floor(p / columns) * height) / (rows - 1);
+  }
+  return { rows, columns, gridPx };
 }
 
 /**

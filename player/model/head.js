@@ -15,7 +15,6 @@ import { FormatError } from "../format/errors.js";
  * @property {Float32Array[]} eauDown of each EAU (n, 3) mm at -1
  * @property {Float32Array[]} aau of each AAU (n, 3) mm at +1
  * @property {Int32Array} lips the vertices in the middle of the upper and the lower lip
- * @property {Float64Array} residualBasis (k, n) see `shape_residual.js`
  */
 
 export const PARTS = {
@@ -28,8 +27,8 @@ export const PARTS = {
   MOUTH: 6,
   SURROUND: 7,
 };
-const POSITION_STEP_MM = 1 / 128;
-const FIELD_STEP_MM = 1 / 64;
+const POSITION_STEP_MM = 1 / 64;
+const FIELD_STEP_MM = 1 / 16;
 const TEXTURE_STEP = 1 / 32767;
 
 /**
@@ -58,7 +57,7 @@ function rowsOf(stored, columns, step) {
 }
 
 /**
- * The generic head; its residual basis is not known yet.
+ * The generic head.
  * @param {Arrays} data
  * @returns {Head}
  */
@@ -82,14 +81,13 @@ export function genericHead(data) {
     eauDown: fields("eau_down"),
     aau: fields("aau"),
     lips: Int32Array.from(array(data, "landmarks").subarray(1)),
-    residualBasis: new Float64Array(0),
   };
 }
 
 /**
  * The head of the default profile, with sheets across the apertures and around the face.
  * @param {Arrays} data
- * @param {Head} generic with its residual basis
+ * @param {Head} generic
  * @returns {Head}
  */
 export function headWithSurround(data, generic) {
@@ -101,13 +99,6 @@ export function headWithSurround(data, generic) {
   vertices.set(around, vertices.length - around.length);
   const fields = (/** @type {Float32Array[]} */ each) =>
     each.map((field) => Float32Array.from(carried.rows(field, 3)));
-  const basis = generic.residualBasis;
-  const points = basis.length / generic.count;
-  const residualBasis = new Float64Array(points * carried.count);
-  for (let k = 0; k < points; k++) {
-    const row = carried.rows(basis.subarray(k * generic.count, (k + 1) * generic.count), 1);
-    residualBasis.set(row, k * carried.count);
-  }
   return {
     count: carried.count,
     vertices,
@@ -119,8 +110,17 @@ export function headWithSurround(data, generic) {
     eauDown: fields(generic.eauDown),
     aau: fields(generic.aau),
     lips: generic.lips,
-    residualBasis,
   };
+}
+
+/**
+ * The rows of the residual basis of the head of the default profile.
+ * @param {Arrays} data
+ * @param {Float64Array[]} rows of that of the generic head
+ */
+export function carriedBasis(data, rows) {
+  const carried = new Carried(data, rows[0].length);
+  return rows.map((row) => carried.rows(row, 1));
 }
 
 /** The vertices that are added to the generic head move with some of its own. */

@@ -8,8 +8,11 @@
  */
 export function maxUnfoldedStep(grid, motion, rows, columns, minArea) {
   let step = 1;
-  const difference = (/** @type {Float64Array} */ values, /** @type {number} */ from, /** @type {number} */ to) =>
-    [values[2 * to] - values[2 * from], values[2 * to + 1] - values[2 * from + 1]];
+  const difference = (
+    /** @type {Float64Array} */ values,
+    /** @type {number} */ from,
+    /** @type {number} */ to,
+  ) => [values[2 * to] - values[2 * from], values[2 * to + 1] - values[2 * from + 1]];
   for (let i = 0; i < rows - 1; i++) {
     for (let j = 0; j < columns - 1; j++) {
       const first = i * columns + j;
@@ -35,7 +38,8 @@ export function maxUnfoldedStep(grid, motion, rows, columns, minArea) {
  * @param {number} quadratic
  */
 function firstRoot(constant, linear, quadratic) {
-  if (constant <= 0 || constant + Math.min(linear, 0) + Math.min(quadratic, 0) >= 0) return Infinity;
+  if (constant <= 0 || constant + Math.min(linear, 0) + Math.min(quadratic, 0) >= 0)
+    return Infinity;
   const square = linear ** 2 - 4 * quadratic * constant;
   if (square < 0) return Infinity;
   const root = Math.sqrt(square);

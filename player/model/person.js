@@ -8,20 +8,24 @@ import { AAU_STEP, EAUS, RESIDUAL_STEP_MM } from "./parameters.js";
 export class Person {
   /**
    * @param {Head} head
+   * @param {Float64Array[]} residualBasis of the head, see `shape_residual.js`
    * @param {ModelPacket} model
    */
-  constructor(head, model) {
+  constructor(head, residualBasis, model) {
     this.head = head;
-    const { residualBasis, count } = head;
-    const points = residualBasis.length / count;
+    const points = residualBasis.length;
     const isRight = [0, points].includes(model.residual.length / 3);
-    check(isRight, `model packet's residual has ${model.residual.length / 3} points, not ${points}`);
+    check(
+      isRight,
+      `model packet's residual has ${model.residual.length / 3} points, not ${points}`,
+    );
     this.neutral = head.vertices.slice();
-    for (const [i, code] of model.aau.entries()) addScaled(this.neutral, head.aau[i], code * AAU_STEP);
+    for (const [i, code] of model.aau.entries())
+      addScaled(this.neutral, head.aau[i], code * AAU_STEP);
     for (const [at, code] of model.residual.entries()) {
-      const row = residualBasis.subarray(Math.floor(at / 3) * count, (Math.floor(at / 3) + 1) * count);
+      const row = residualBasis[Math.floor(at / 3)];
       const mm = code * RESIDUAL_STEP_MM;
-      if (mm) for (let v = 0; v < count; v++) this.neutral[3 * v + (at % 3)] += mm * row[v];
+      if (mm) for (let v = 0; v < head.count; v++) this.neutral[3 * v + (at % 3)] += mm * row[v];
     }
   }
 

@@ -9,8 +9,8 @@ const MULTIQUADRIC_MM = 10;
 const LIP_GAP_MM = 45;
 
 /**
- * The share (k, n) of each control point in the displacement of each vertex of the generic head;
- * see `shared_model/shape_residual.py`.
+ * The share of each control point in the displacement of each vertex of the generic head: k rows
+ * (n); see `shared_model/shape_residual.py`.
  * @param {Arrays} data
  * @param {Head} head
  */
@@ -27,14 +27,14 @@ export function residualBasis(data, head) {
   );
   const weights = solved(system, control.length);
   const { count } = head;
-  const basis = new Float64Array(control.length * count);
+  const basis = Array.from(control, () => new Float64Array(count));
   for (let v = 0; v < count; v++) {
     for (let c = 0; c < size; c++) {
       const kernel = c === size - 1 ? 1 : multiquadric(positions, v, centres[c]);
-      for (let k = 0; k < control.length; k++) basis[k * count + v] += kernel * weights[c][k];
+      for (let k = 0; k < control.length; k++) basis[k][v] += kernel * weights[c][k];
     }
   }
-  moveRigidly(data, head, basis, control.length);
+  moveRigidly(data, head, basis);
   return basis;
 }
 
@@ -73,7 +73,9 @@ function multiquadric(positions, a, b) {
  */
 function solved(matrix, columns) {
   const n = matrix.length;
-  const right = matrix.map((_, i) => Float64Array.from({ length: columns }, (_, j) => (i === j ? 1 : 0)));
+  const right = matrix.map((_, i) =>
+    Float64Array.from({ length: columns }, (_, j) => (i === j ? 1 : 0)),
+  );
   for (let c = 0; c < n; c++) {
     let pivot = c;
     for (let i = c + 1; i < n; i++) {
@@ -95,15 +97,13 @@ function solved(matrix, columns) {
  * Let eyeballs, teeth and tongue move with the mean of the skin around them.
  * @param {Arrays} data
  * @param {Head} head
- * @param {Float64Array} basis written
- * @param {number} points
+ * @param {Float64Array[]} basis written
  */
-function moveRigidly(data, head, basis, points) {
+function moveRigidly(data, head, basis) {
   const supports = array(data, "rigid_supports");
   for (const [i, part] of array(data, "rigid_parts").entries()) {
     const own = [...supports.subarray(4 * i, 4 * i + 4)].filter((v) => v >= 0);
-    for (let k = 0; k < points; k++) {
-      const row = basis.subarray(k * head.count, (k + 1) * head.count);
+    for (const row of basis) {
       const mean = own.reduce((sum, v) => sum + row[v], 0) / own.length;
       for (let v = 0; v < head.count; v++) if (head.parts[v] === part) row[v] = mean;
     }

@@ -94,7 +94,8 @@ export class SkinConstraints {
   /** @param {Float64Array} vertices */
   #picked(vertices) {
     const picked = new Float64Array(3 * this.vertices.length);
-    for (const [i, v] of this.vertices.entries()) picked.set(vertices.subarray(3 * v, 3 * v + 3), 3 * i);
+    for (const [i, v] of this.vertices.entries())
+      picked.set(vertices.subarray(3 * v, 3 * v + 3), 3 * i);
     return picked;
   }
 }

@@ -33,7 +33,12 @@ const MAX_MOTION = [180, 180, 180, 1e4, 1e4, 3];
 export function referenceFace(model) {
   const none = new Float64Array(0);
   const pose = { rotation: normalise(model.rotation), translation: model.translation };
-  return { pose, eau: Float64Array.from(model.eau, (code) => code * EAU_STEP), layers: none, modes: none };
+  return {
+    pose,
+    eau: Float64Array.from(model.eau, (code) => code * EAU_STEP),
+    layers: none,
+    modes: none,
+  };
 }
 
 /** Decodes the frame packets of a model. */
@@ -142,9 +147,13 @@ export class FrameDecoder {
    * @returns {Face}
    */
   #face(coded) {
-    const { components, parameters: d, mean, matrix, layers } = /** @type {FrameTransform} */ (
-      this.transform
-    );
+    const {
+      components,
+      parameters: d,
+      mean,
+      matrix,
+      layers,
+    } = /** @type {FrameTransform} */ (this.transform);
     const y = mean.slice();
     for (let c = 0; c < components; c++) {
       const q = coded[c] / 256;

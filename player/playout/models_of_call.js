@@ -1,5 +1,5 @@
 /** @typedef {import("../draw/model_decoder.js").CodedPictures} CodedPictures */
-/** @typedef {import("../draw/model_decoder.js").DecodedPictures} DecodedPictures */
+/** @typedef {import("../draw/model_decoder.js").DecodedStep} DecodedStep */
 /** @typedef {import("../draw/scene.js").ModelPictures} ModelPictures */
 /** @typedef {import("./playout.js").PlayoutFrame} PlayoutFrame */
 /** @typedef {import("./received_models.js").ReceivedModel} ReceivedModel */
@@ -23,15 +23,15 @@ export function codedPictures({ model, modes }) {
 }
 
 /**
- * The pictures of a model, from what has been decoded of it and of the one before.
- * @param {DecodedPictures} decoded
- * @param {ModelPictures | undefined} before
+ * The pictures of a model after a step of its decoding.
+ * @param {DecodedStep} step
+ * @param {ModelPictures | undefined} before those after the step before, or of the model before
  * @returns {ModelPictures}
  */
-export function completed({ mean, modes, background }, before) {
+export function afterStep({ mean, modes, background }, before) {
   const known = mean || !before ? [] : before.modes;
   const ownMean = mean ?? before?.mean;
   const ownBackground = background ?? before?.background;
-  if (!ownMean || !ownBackground) throw new Error("a model builds on one that has not been decoded");
+  if (!ownMean || !ownBackground) throw new Error("a model builds on one that is not decoded");
   return { mean: ownMean, modes: [...known, ...modes], background: ownBackground };
 }

@@ -15,6 +15,7 @@ export class PacketHistory {
     this.nominalFrames = nominalFrames;
     /** @type {Decoded[]} */
     this.kept = [];
+    /** @type {Float64Array} before the oldest of those kept */
     this.firstAnchor = new Float64Array(predictor.components);
   }
 

@@ -250,7 +250,8 @@ export class Playout {
     if (!last || (this.joinedLate && !this.isNumbered)) return [];
     this.#checkGap(received, end);
     const frames = [];
-    for (; this.next < end; this.next++) frames.push(this.#repeated(received, this.next, last.face));
+    for (; this.next < end; this.next++)
+      frames.push(this.#repeated(received, this.next, last.face));
     return frames;
   }
 

@@ -30,7 +30,8 @@ export class ReceivedModels {
    * @param {number} first number of its first frame packet
    */
   receiveModel(model, first) {
-    const received = () => this.#withLayers({ model, modes: [], sent: model, decoder: new FrameDecoder(model), first });
+    const received = () =>
+      this.#withLayers({ model, modes: [], sent: model, decoder: new FrameDecoder(model), first });
     if (!this.current) {
       this.current = received();
       return;

@@ -8,7 +8,10 @@ import { bytesOf, hex, json, text } from "./vectors.js";
 
 test("the decisions of the table of docs/format.md", () => {
   const ones = new RangeDecoder(bytesOf("ea"));
-  assert.deepEqual([100, 60000, 32768, 65000].map((zero) => ones.bit(zero)), [1, 0, 1, 1]);
+  assert.deepEqual(
+    [100, 60000, 32768, 65000].map((zero) => ones.bit(zero)),
+    [1, 0, 1, 1],
+  );
   assert.equal(new RangeDecoder(bytesOf("f280")).expGolomb(14), 20);
   const coder = new RangeDecoder(bytesOf("50"));
   const bits = AdaptiveBits.even(1);
@@ -21,7 +24,10 @@ test("the decisions of the table of docs/format.md", () => {
   assert.deepEqual(zeros, [32768, 49152, 54613, 40959, 45874, 49151]);
   const integers = new AdaptiveIntegers(1);
   const more = new RangeDecoder(bytesOf("4c7d"));
-  assert.deepEqual([1, 2, 3, 4, 5].map(() => integers.decode(more, 0)), [0, 0, 0, 5, -2]);
+  assert.deepEqual(
+    [1, 2, 3, 4, 5].map(() => integers.decode(more, 0)),
+    [0, 0, 0, 5, -2],
+  );
 });
 
 for (const name of ["frames_default", "frames_reserved"]) {
@@ -37,7 +43,10 @@ for (const name of ["frames_default", "frames_reserved"]) {
       assert.deepEqual([quality, intra, unused], [packet.quality, packet.intra, packet.unused]);
       const residuals = decoded.residuals.map(({ index, values }) => [index, [...values]]);
       assert.deepEqual(residuals, packet.residuals);
-      assert.deepEqual(decoded.frames.map((frame) => [...frame]), packet.frames);
+      assert.deepEqual(
+        decoded.frames.map((frame) => [...frame]),
+        packet.frames,
+      );
       anchor = decoded.frames[decoded.frames.length - 1];
     }
   });
@@ -70,6 +79,9 @@ for (const name of ["call_default", "call_layers", "call_residual", "call_thesis
 function close(values, expected) {
   assert.equal(values.length, expected.length);
   for (const [i, value] of expected.entries()) {
-    assert.ok(Math.abs(values[i] - value) <= 1e-9 * Math.max(1, Math.abs(value)), `${values[i]} ${value}`);
+    assert.ok(
+      Math.abs(values[i] - value) <= 1e-9 * Math.max(1, Math.abs(value)),
+      `${values[i]} ${value}`,
+    );
   }
 }

@@ -1,6 +1,11 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { isLayered, parseBackground, parseLayers, changeSize } from "../../player/format/pictures/background.js";
+import {
+  changeSize,
+  isLayered,
+  parseBackground,
+  parseLayers,
+} from "../../player/format/pictures/background.js";
 import { decodePicture, modeDecoder } from "../../player/format/pictures/picture.js";
 import { ResidualPictures } from "../../player/format/residual/inverse_transform.js";
 import { parseTiles } from "../../player/format/residual/tile_decoder.js";
@@ -41,8 +46,9 @@ test("call_layers: person, scene, motion fields and changes", () => {
 });
 
 test("call_residual: tiles and samples", () => {
-  const coded = readCall(hex("call_residual.hex"))
-    .frames.flatMap((frame) => (frame.residual ? [frame] : []));
+  const coded = readCall(hex("call_residual.hex")).frames.flatMap((frame) =>
+    frame.residual ? [frame] : [],
+  );
   const [expected] = json("call_residual.json").residuals;
   const { residual, received } = coded[0];
   assert.ok(residual);
@@ -54,7 +60,17 @@ test("call_residual: tiles and samples", () => {
   const values = [...tiles.values].flatMap(([at, own]) => {
     const size = own.length / tiles.frames;
     return [...own].flatMap((value, i) =>
-      value ? [[Math.floor(at / tiles.columns), at % tiles.columns, Math.floor(i / size), i % size, value]] : [],
+      value
+        ? [
+            [
+              Math.floor(at / tiles.columns),
+              at % tiles.columns,
+              Math.floor(i / size),
+              i % size,
+              value,
+            ],
+          ]
+        : [],
     );
   });
   assert.deepEqual(values, expected.values);
@@ -85,7 +101,9 @@ test("call_residual: tiles and samples", () => {
  * @param {string[]} rows
  */
 function checkMask(mask, side, rows) {
-  const drawn = rows.map((_, i) => [...mask.subarray(i * side, (i + 1) * side)].map((cell) => (cell ? "#" : ".")).join(""));
+  const drawn = rows.map((_, i) =>
+    [...mask.subarray(i * side, (i + 1) * side)].map((cell) => (cell ? "#" : ".")).join(""),
+  );
   assert.deepEqual(drawn, rows);
 }
 
@@ -106,7 +124,10 @@ function checkRow({ height, width, values }, bgr) {
   const start = 3 * (height >> 1) * width;
   for (const [x, pixel] of bgr.entries()) {
     for (let k = 0; k < 3; k++) {
-      assert.ok(Math.abs(values[start + 3 * x + 2 - k] - pixel[k]) < 0.01, `${values[start + 3 * x + 2 - k]} ${pixel[k]}`);
+      assert.ok(
+        Math.abs(values[start + 3 * x + 2 - k] - pixel[k]) < 0.01,
+        `${values[start + 3 * x + 2 - k]} ${pixel[k]}`,
+      );
     }
   }
 }

@@ -137,7 +137,8 @@ export class FramePredictor {
         prediction = Math.floor((left[c] * this.damping[c]) / 16);
       } else if (kind !== INTRA) {
         const straight = left[c] * (span - offset) + right[c] * offset;
-        const outer = (before?.[c] ?? 2 * left[c] - right[c]) + (after?.[c] ?? 2 * right[c] - left[c]);
+        const outer =
+          (before?.[c] ?? 2 * left[c] - right[c]) + (after?.[c] ?? 2 * right[c] - left[c]);
         const curved = 16 * straight + span * (left[c] + right[c] - outer);
         prediction = Math.floor(curved / (16 * span));
       }

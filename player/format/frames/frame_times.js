@@ -47,7 +47,9 @@ export class FrameClock {
    * @param {number} fps
    */
   timeOf(frame, fps) {
-    for (const known of [...this.ticks.keys()].filter((each) => each <= frame).sort((a, b) => a - b)) {
+    for (const known of [...this.ticks.keys()]
+      .filter((each) => each <= frame)
+      .sort((a, b) => a - b)) {
       this.deviation = /** @type {number} */ (this.ticks.get(known));
       this.ticks.delete(known);
     }

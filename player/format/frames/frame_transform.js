@@ -88,10 +88,22 @@ function parseTables(tables, d, layers) {
   const steps = table(decoder, n, KINDS, KINDS, [0, 1, 2, 3, 4]);
   const scaleCodes = sums(steps, n, KINDS).map((code) => 2 * code);
   decoder.end("frame transform");
-  check(unitCodes.every((code) => code >= 0 && code <= 255), "frame transform: a unit is too large");
-  check(basis.every((code) => Math.abs(code) <= 127), "frame transform: a basis is too large");
-  check(exponents.every((code) => Math.abs(code) <= 20), "frame transform: an exponent is too large");
-  check(scaleCodes.every((code) => code >= 0 && code <= 63), "frame transform: a scale is too large");
+  check(
+    unitCodes.every((code) => code >= 0 && code <= 255),
+    "frame transform: a unit is too large",
+  );
+  check(
+    basis.every((code) => Math.abs(code) <= 127),
+    "frame transform: a basis is too large",
+  );
+  check(
+    exponents.every((code) => Math.abs(code) <= 20),
+    "frame transform: an exponent is too large",
+  );
+  check(
+    scaleCodes.every((code) => code >= 0 && code <= 63),
+    "frame transform: a scale is too large",
+  );
   const units = Float64Array.from(unitCodes, (code) => 2 ** ((code - 128) / 8));
   const mean = units.map((unit, i) => (meanCodes[i] / 4) * unit);
   const matrix = new Float64Array(n * d);

@@ -80,7 +80,8 @@ function skipFrames(reader, voice, count) {
   const bits = new BitReader(reader);
   for (let i = 0; i < count; i++) {
     if (voice === VOICES.CODEC2_700C) bits.take(28);
-    else for (const code of [VOICING, PITCH_AND_ENERGY, PITCH_AND_ENERGY, SPECTRUM]) skip(bits, code);
+    else
+      for (const code of [VOICING, PITCH_AND_ENERGY, PITCH_AND_ENERGY, SPECTRUM]) skip(bits, code);
     if (voice === VOICES.CODEC2_1200) bits.take(18);
   }
   bits.finish();

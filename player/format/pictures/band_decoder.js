@@ -30,7 +30,7 @@ class Context {
   /**
    * @param {number} height
    * @param {number} width
-   * @param {Int32Array[]} bands values of grids 1 to 9, each (height, width)
+   * @param {(Int32Array | null)[]} bands values of grids 1 to 9, each (height, width); null: zeros
    */
   constructor(height, width, bands) {
     this.height = height;
@@ -39,8 +39,19 @@ class Context {
     this.size = (height + 2 * PAD) * this.across;
     this.magnitudes = new Int32Array((CONTEXT_GRIDS + 2) * this.size);
     this.values = new Int32Array((1 + SIGNED.length) * this.size);
-    for (const [index, band] of bands.entries()) this.#enter(index + 1, band);
-    this.#listTerms();
+    for (const [index, band] of bands.entries()) if (band) this.#enter(index + 1, band);
+    // Where the terms of features are, from a position or from its mirror image.
+    const at = (/** @type {number} */ i, /** @type {number} */ j) => i * this.across + j;
+    const sides = [at(0, -1), at(0, 1)];
+    const above = [at(-1, 0), at(1, 0)];
+    const diagonal = [at(-1, -1), at(-1, 1), at(1, -1), at(1, 1)];
+    const outer = [];
+    for (let i = -2; i <= 2; i++) {
+      for (let j = -2; j <= 2; j++)
+        if (Math.max(Math.abs(i), Math.abs(j)) === 2) outer.push(at(i, j));
+    }
+    this.own = [sides, above, diagonal, outer].map((each) => Int32Array.from(each));
+    this.ring = Int32Array.from([...sides, ...above, ...diagonal]);
   }
 
   /**
@@ -49,31 +60,15 @@ class Context {
    */
   #enter(grid, band) {
     const signed = SIGNED.indexOf(grid) + 1;
-    for (let i = 0; i < this.height; i++) {
-      for (let j = 0; j < this.width; j++) {
-        const value = band[i * this.width + j];
-        const at = this.place(i, j);
-        this.magnitudes[grid * this.size + at] = Math.abs(value);
+    for (let i = 0, from = 0; i < this.height; i++) {
+      let at = this.place(i, 0);
+      for (let j = 0; j < this.width; j++, from++, at++) {
+        const value = band[from];
+        if (!value) continue;
+        this.magnitudes[grid * this.size + at] = value < 0 ? -value : value;
         if (signed) this.values[signed * this.size + at] = value;
       }
     }
-  }
-
-  /** List where the terms of each feature are, from a position or from its mirror image. */
-  #listTerms() {
-    const at = (/** @type {number} */ i, /** @type {number} */ j) => i * this.across + j;
-    const sides = [at(0, -1), at(0, 1)];
-    const above = [at(-1, 0), at(1, 0)];
-    const diagonal = [at(-1, -1), at(-1, 1), at(1, -1), at(1, 1)];
-    const ring = [...sides, ...above, ...diagonal];
-    const outer = [];
-    for (let i = -2; i <= 2; i++) {
-      for (let j = -2; j <= 2; j++) if (Math.max(Math.abs(i), Math.abs(j)) === 2) outer.push(at(i, j));
-    }
-    /** @type {Int32Array[]} */
-    this.own = [sides, above, diagonal, outer].map((each) => Int32Array.from(each));
-    this.mirroredRing = Int32Array.from(ring);
-    this.signSteps = Int32Array.from([...sides, ...above, ...diagonal]);
   }
 
   /**
@@ -98,13 +93,17 @@ class Context {
   }
 
   /**
-   * Enter how many of the nine tiles around a position are flagged.
-   * @param {number} i
-   * @param {number} j
+   * Enter how many of the nine tiles around a tile are flagged.
+   * @param {number} row
+   * @param {number} column
    * @param {number} count
    */
-  setFlagsAround(i, j, count) {
-    this.magnitudes[FLAGS_AROUND * this.size + this.place(i, j)] = count;
+  setFlagsAround(row, column, count) {
+    const right = Math.min((column + 1) * TILE, this.width);
+    for (let i = row * TILE; i < Math.min((row + 1) * TILE, this.height); i++) {
+      const start = FLAGS_AROUND * this.size + this.place(i, 0);
+      this.magnitudes.fill(count, start + column * TILE, start + right);
+    }
   }
 
   /**
@@ -120,13 +119,13 @@ class Context {
     const mirrored = this.place(i, this.width - 1 - j);
     for (let f = 0; f < 4; f++) this.#addSum(network, f, at, this.own[f]);
     if (magnitudes[mirrored]) network.add(4, magnitudes[mirrored]);
-    this.#addSum(network, 5, mirrored, this.mirroredRing);
+    this.#addSum(network, 5, mirrored, this.ring);
     for (let grid = 1; grid <= FLAGS_AROUND; grid++) {
       const value = magnitudes[grid * size + at];
       if (value) network.add(5 + grid, value);
     }
     for (let grid = 4; grid <= 8; grid++) {
-      this.#addSum(network, 12 + grid, grid * size + at, this.mirroredRing);
+      this.#addSum(network, 12 + grid, grid * size + at, this.ring);
     }
   }
 
@@ -154,7 +153,7 @@ class Context {
     const at = this.place(i, j);
     const mirrored = this.place(i, this.width - 1 - j);
     for (let f = 0; f < 8; f++) {
-      const value = values[at + this.signSteps[f]];
+      const value = values[at + this.ring[f]];
       if (value) network.add(f, value);
     }
     for (let f = 0; f < 3; f++) {
@@ -175,7 +174,7 @@ class Context {
  * @param {BandPlace} place
  * @param {number} height
  * @param {number} width
- * @param {Int32Array[]} bands grids 1 to 9 of its context, each (height, width)
+ * @param {(Int32Array | null)[]} bands grids 1 to 9 of its context, each (height, width); null: zeros
  * @returns {Band}
  */
 export function decodeBand(decoder, networks, place, height, width, bands) {
@@ -183,14 +182,17 @@ export function decodeBand(decoder, networks, place, height, width, bands) {
   const columns = Math.ceil(width / TILE);
   const flags = emptyBand(rows, columns);
   if (rows * columns * TILE ** 2 > SMALL_BAND) {
-    const sums = bands.map((band) => tileSums(band, height, width, columns, rows));
+    const sums = bands.map((band) => band && tileSums(band, height, width, columns, rows));
     decodeFlags(decoder, networks.tiles, place, flags, new Context(rows, columns, sums));
   } else {
     flags.values.fill(1);
   }
+  if (!flags.values.includes(1)) return emptyBand(height, width);
   const context = new Context(height, width, bands);
-  for (let i = 0; i < height; i++) {
-    for (let j = 0; j < width; j++) context.setFlagsAround(i, j, flagsAround(flags, i >> 2, j >> 2));
+  for (let row = 0; row < rows; row++) {
+    for (let column = 0; column < columns; column++) {
+      context.setFlagsAround(row, column, flagsAround(flags, row, column));
+    }
   }
   return decodeValues(decoder, networks, place, flags, context);
 }

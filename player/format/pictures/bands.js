@@ -56,7 +56,9 @@ export function bandOf(pyramid, level, orientation) {
  * @returns {Pyramid}
  */
 export function mapBands(pyramid, function_) {
-  const details = pyramid.details.map((level, i) => level.map((band, o) => function_(band, i + 1, o)));
+  const details = pyramid.details.map((level, i) =>
+    level.map((band, o) => function_(band, i + 1, o)),
+  );
   return { lowpass: function_(pyramid.lowpass, 0, 0), details };
 }
 
@@ -65,7 +67,9 @@ export function mapBands(pyramid, function_) {
  * @returns {Band}
  */
 export function magnitudes(band) {
-  return { ...band, values: band.values.map(Math.abs) };
+  const values = new Int32Array(band.values.length);
+  for (let i = 0; i < values.length; i++) values[i] = Math.abs(band.values[i]);
+  return { ...band, values };
 }
 
 /**
@@ -74,16 +78,15 @@ export function magnitudes(band) {
  * @param {number} height
  * @param {number} width
  * @param {Band} band
- * @param {number} repeat
+ * @param {number} repeat 1 or 2
  */
 export function addBand(target, height, width, band, repeat) {
   const rows = Math.min(height, band.height * repeat);
   const columns = Math.min(width, band.width * repeat);
+  const shift = repeat - 1;
   for (let i = 0; i < rows; i++) {
-    const from = Math.floor(i / repeat) * band.width;
-    for (let j = 0; j < columns; j++) {
-      target[i * width + j] += band.values[from + Math.floor(j / repeat)];
-    }
+    const from = (i >> shift) * band.width;
+    for (let j = 0; j < columns; j++) target[i * width + j] += band.values[from + (j >> shift)];
   }
 }
 

@@ -2,8 +2,8 @@ import { ByteReader } from "../bytes.js";
 import { AdaptiveIntegers } from "../entropy/adaptive_models.js";
 import { RangeDecoder } from "../entropy/range_decoder.js";
 import { check } from "../errors.js";
-import { addBand, bandOf, emptyPyramid, magnitudes, mapBands, ringSums } from "./bands.js";
 import { CONTEXT_GRIDS, decodeBand } from "./band_decoder.js";
+import { addBand, bandOf, emptyPyramid, magnitudes, mapBands, ringSums } from "./bands.js";
 import { planeOf } from "./wavelet.js";
 import { decodeWeightMap } from "./weight_map.js";
 
@@ -107,7 +107,13 @@ class PictureSequence {
         if (!band.values.length) continue;
         const done = level.slice(0, orientation);
         level[orientation] = this.#band(
-          decoder, planes, band, index + 1, orientation, parents, done,
+          decoder,
+          planes,
+          band,
+          index + 1,
+          orientation,
+          parents,
+          done,
         );
       }
       parents = level.map(magnitudes);
@@ -126,9 +132,13 @@ class PictureSequence {
    */
   #band(decoder, planes, { height, width }, level, orientation, parents, done) {
     const plane = planes.length;
-    const grids = Array.from({ length: CONTEXT_GRIDS }, () => new Int32Array(height * width));
-    const add = (/** @type {number} */ grid, /** @type {Band} */ band, repeat = 1) =>
-      addBand(grids[grid - 1], height, width, band, repeat);
+    /** @type {(Int32Array | null)[]} */
+    const grids = new Array(CONTEXT_GRIDS).fill(null);
+    const add = (/** @type {number} */ grid, /** @type {Band} */ band, repeat = 1) => {
+      const values = grids[grid - 1] ?? new Int32Array(height * width);
+      addBand(values, height, width, band, repeat);
+      grids[grid - 1] = values;
+    };
     if (parents.length) {
       const own = parents[orientation];
       add(1, own, 2);

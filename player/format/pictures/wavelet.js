@@ -29,7 +29,11 @@ export function planeOf(pyramid, step) {
  * @returns {Plane}
  */
 function dequantised(band, step, bias) {
-  const values = Float64Array.from(band.values, (v) => step * (v - bias * Math.sign(v)));
+  const values = new Float64Array(band.values.length);
+  for (let i = 0; i < values.length; i++) {
+    const v = band.values[i];
+    if (v) values[i] = step * (v > 0 ? v - bias : v + bias);
+  }
   return { height: band.height, width: band.width, values };
 }
 

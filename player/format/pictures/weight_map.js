@@ -22,7 +22,8 @@ export function decodeWeightMap(data, height, width) {
       const below = Math.min(top + 1, SIDE - 1);
       const right = Math.min(left + 1, SIDE - 1);
       const upper = (1 - across) * cells[top * SIDE + left] + across * cells[top * SIDE + right];
-      const lower = (1 - across) * cells[below * SIDE + left] + across * cells[below * SIDE + right];
+      const lower =
+        (1 - across) * cells[below * SIDE + left] + across * cells[below * SIDE + right];
       weights[i * width + j] = (1 - down) * upper + down * lower;
     }
   }

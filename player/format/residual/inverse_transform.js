@@ -57,8 +57,11 @@ function lapping(size) {
       const sign = i >= half && j >= half ? -1 : 1;
       return j === i || j === size - 1 - i ? sign / Math.SQRT2 : 0;
     };
-    filter = product(product(squared(butterfly, size), squared(middle, size), size),
-      squared(butterfly, size), size);
+    filter = product(
+      product(squared(butterfly, size), squared(middle, size), size),
+      squared(butterfly, size),
+      size,
+    );
     LAPPINGS.set(size, filter);
   }
   return filter;
@@ -128,7 +131,9 @@ export class ResidualPictures {
    * @returns {ResidualPlanes}
    */
   planes(frame) {
-    const [coarse, fine] = KINDS.map((kind) => [0, 1, 2].map((plane) => this.#plane(frame, plane, kind)));
+    const [coarse, fine] = KINDS.map((kind) =>
+      [0, 1, 2].map((plane) => this.#plane(frame, plane, kind)),
+    );
     return { coarse, fine };
   }
 

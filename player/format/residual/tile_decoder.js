@@ -30,7 +30,11 @@ const FLAG_ODDS = [11, 4, 5, 2, 0, -2, 0, -1, 2, -1, 2, -1, -1, -4, -4, -7];
 const FINE_ODDS = [8, -4, -4, -12];
 const PLANE_ODDS = [-12, -14, -16, 10, 1, -5, 11, 1, -6];
 const BAND_ODDS = [-10, 0, -8, 2, 12, 0, 14, -1, -8, 0, -4, 7, 14, 3, 16, 5];
-const REACH_ODDS = [[0, 8], [0, 0, 0, 0], [-2, -2, 0, 3, 7, 7]];
+const REACH_ODDS = [
+  [0, 8],
+  [0, 0, 0, 0],
+  [-2, -2, 0, 3, 7, 7],
+];
 const ZERO_ODDS = [
   [0, -2],
   [-1, 0, 0, 0],
@@ -109,7 +113,8 @@ export function parseTiles(data, width, height, frames) {
   const side = Math.max(width, height) <= MAX_SMALL_PX ? 8 : 16;
   const rows = Math.ceil(height / side);
   const columns = Math.ceil(width / side);
-  const isWithin = frames <= MAX_FRAMES && rows * columns * frames * valuesOfTile(side) <= MAX_VALUES;
+  const isWithin =
+    frames <= MAX_FRAMES && rows * columns * frames * valuesOfTile(side) <= MAX_VALUES;
   check(isWithin, `picture residual of ${frames} pictures of ${width}x${height}`);
   return new TileDecoder(data, side, rows, columns, frames).decode();
 }
@@ -166,7 +171,10 @@ class TileDecoder {
     const above = flag(row > 0, at - this.columns);
     const aboveLeft = flag(row > 0 && column > 0, at - this.columns - 1);
     const aboveRight = flag(row > 0 && column + 1 < this.columns, at - this.columns + 1);
-    const around = [left, above, aboveLeft, aboveRight].reduce((sum, f) => 2 * sum + (f ? 1 : 0), 0);
+    const around = [left, above, aboveLeft, aboveRight].reduce(
+      (sum, f) => 2 * sum + (f ? 1 : 0),
+      0,
+    );
     if (!this.#bit(FLAG + around)) {
       planes.fill(0, 3 * column, 3 * column + 3);
       return;
