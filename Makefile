@@ -16,7 +16,7 @@ PACKAGES := runtime shared_model protocol encoder decoder aam loopback risorius
 # compiles all modules again.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install judge figures bench check dist dist-check demo test test-protocol test-packages coverage lint format lock clean
+.PHONY: player test-player install judge figures bench check dist dist-check demo test test-protocol test-packages coverage lint format lock clean
 
 install: $(COMPILED)
 
@@ -60,6 +60,11 @@ bench: $(COMPILED) $(JUDGE)
 check: $(COMPILED) lint
 	$(PYTEST) tests/test_shared_model tests/test_protocol tests/test_house
 
+# What the player's sources are built into: it is in the repository, so that nobody needs node who
+# does not change them.
+player: node_modules/.installed
+	sh scripts/build_player.sh player/built
+
 # Wheel and source archive in dist/.
 dist: $(INSTALLED)
 	rm -rf dist
@@ -83,7 +88,10 @@ node_modules/.installed: package.json package-lock.json scripts/system_libraries
 
 # Side by side: types are checked by one core while another compiles loops, and tests of links wait.
 test: $(INSTALLED)
-	$(MAKE) --jobs 3 lint test-protocol test-packages
+	$(MAKE) --jobs 3 lint test-player test-protocol test-packages
+
+test-player: node_modules/.installed
+	node --test --test-reporter dot tests/test_player/
 
 test-packages: $(COMPILED) $(BROWSER)
 	$(PYTEST) --ignore=tests/test_protocol

@@ -36,6 +36,7 @@ from risorius.commands.encode import add_encode
 from risorius.commands.first_steps import add_compile, add_demo
 from risorius.commands.info import add_info
 from risorius.commands.keys import add_invite, add_keys
+from risorius.commands.letter import add_letter
 from risorius.commands.relay import add_relay
 from risorius.commands.track import add_track
 from risorius.commands.train import add_train
@@ -46,6 +47,7 @@ COMMANDS = (
     add_call,
     add_encode,
     add_decode,
+    add_letter,
     add_calls,
     add_relay,
     add_invite,
@@ -74,6 +76,7 @@ examples:
   risorius encode me.mp4 -o call.rzo            record a call
   risorius info call.rzo                        see what it weighs
   risorius decode call.rzo -o out.mkv           make it a video again
+  risorius letter me.mp4 -o me.html             one file that any browser plays, offline
   risorius decode --listen :7447 -o out.mkv     on one host: it prints an invitation; then
   risorius encode 0 --invite risorius://...     on the other: a call with camera 0
   risorius track me.mp4 -o me.csv               pose and expression, frame by frame

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Types and style of the pages' scripts.  A page's scripts share their globals; no two pages do.
+# Types and style of the pages' scripts, and whether what is built of the player is up to date.
+# A page's scripts share their globals; no two pages do.
 set -eu
 bin=node_modules/.bin
 "$bin/biome" check --error-on-warnings .
@@ -11,3 +12,12 @@ for scripts in \
     "$bin/tsc" --noEmit --allowJs --checkJs --strict --noImplicitAny false --target es2022 \
         --lib es2022,dom,dom.iterable --types "" $scripts
 done
+"$bin/tsc" --project player/jsconfig.json
+"$bin/tsc" --project tests/test_player/jsconfig.json
+built=$(mktemp -d)
+trap 'rm -rf "$built"' EXIT
+sh scripts/build_player.sh "$built"
+cmp "$built/letter.js" player/built/letter.js || {
+    echo "player/built/letter.js is not what the sources make: run make player" >&2
+    exit 1
+}

@@ -21,15 +21,21 @@ LOSSY_BPS = 64_000
 class SoundStream:
     """A mono sound track in an open video file.
 
-    suffix: of the file.  rate_hz: samples per second.
+    suffix: of the file.  rate_hz: samples per second.  bits_per_second: of a codec that is lossy.
     """
 
-    def __init__(self, container: OutputContainer, suffix: str, rate_hz: int) -> None:
+    def __init__(
+        self,
+        container: OutputContainer,
+        suffix: str,
+        rate_hz: int,
+        bits_per_second: int = LOSSY_BPS,
+    ) -> None:
         codec = SOUND_CODECS[suffix]
         self._container, self._rate_hz, self._written = container, rate_hz, 0
         self._stream: AudioStream = container.add_stream(codec, rate=rate_hz, layout="mono")
         if codec in ("aac", "libopus"):
-            self._stream.bit_rate = LOSSY_BPS
+            self._stream.bit_rate = bits_per_second
 
     def write(self, samples: Samples) -> None:
         """Add samples, (n,) int16."""

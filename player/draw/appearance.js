@@ -1,17 +1,13 @@
 import { sameBytes } from "../format/bytes.js";
 import { check } from "../format/errors.js";
-import {
-  decodePicture,
-  isPicture,
-  modeDecoder,
-  parsePictureHeader,
-} from "../format/pictures/picture.js";
+import { isPicture, modeDecoder, parsePictureHeader } from "../format/pictures/picture.js";
 import { LIDS } from "../model/parameters.js";
 import { Atlas } from "./atlas.js";
 import { lidsOf, lightenLids } from "./closed_lids.js";
 import { LocalColours, limitColours, toByte } from "./local_colours.js";
 import { blendSurroundSeam } from "./surround_seam.js";
 
+/** @typedef {import("../format/pictures/picture.js").Image} Image */
 /** @typedef {import("../format/pictures/probability_network.js").ProbabilityNetworks} ProbabilityNetworks */
 /** @typedef {import("../model/head.js").Head} Head */
 /** @typedef {import("../model/parameters.js").Face} Face */
@@ -35,13 +31,16 @@ export class AppearanceDecoder {
    * @param {ProbabilityNetworks} networks
    * @param {Head} head
    * @param {Uint8Array} texture
+   * @param {Image} image the picture in it
    * @param {boolean} isThesis
    */
-  constructor(networks, head, texture, isThesis) {
-    check(isPicture(texture), "the texture is no picture that this player knows");
-    const { width, height, weightMap } = parsePictureHeader(texture, "texture");
-    check(width === height && width >= 2, `texture is ${width}x${height}, expected a square`);
-    const image = decodePicture(networks, texture, "texture", MAX_SIDE_PX);
+  constructor(networks, head, texture, image, isThesis) {
+    const { width, height } = image;
+    const isRight = width === height && width >= 2 && width <= MAX_SIDE_PX;
+    check(isRight, `texture is ${width}x${height}, expected a square`);
+    const weightMap = isPicture(texture)
+      ? parsePictureHeader(texture, "texture").weightMap
+      : new Uint8Array(0);
     image.values = image.values.map(toByte);
     if (!isThesis) blendSurroundSeam(image);
     const mean = Uint8Array.from(image.values, toByte);

@@ -4,7 +4,7 @@ import {
   parseBackground,
   parseLayers,
 } from "../format/pictures/background.js";
-import { decodePicture, modeDecoder } from "../format/pictures/picture.js";
+import { modeDecoder } from "../format/pictures/picture.js";
 import { toByte } from "./local_colours.js";
 import { pullPushFill } from "./pull_push.js";
 import { layerOpacity, maskOpacity } from "./soft_mask.js";
@@ -13,6 +13,7 @@ import { layerOpacity, maskOpacity } from "./soft_mask.js";
 /** @typedef {import("../format/pictures/picture.js").Image} Image */
 /** @typedef {import("../format/pictures/probability_network.js").ProbabilityNetworks} ProbabilityNetworks */
 /** R, G, B and alpha, row by row. @typedef {{height: number, width: number, values: Uint8ClampedArray}} Bitmap */
+/** Decodes a picture; its name is for messages. @typedef {(data: Uint8Array, name: string) => Promise<Image>} DecodeImage */
 /**
  * What is behind the face.
  * @typedef {object} BackgroundPictures
@@ -24,8 +25,6 @@ import { layerOpacity, maskOpacity } from "./soft_mask.js";
  * @property {boolean} sceneMoves
  * @property {boolean} lightChanges
  */
-
-const MAX_SIDE_PX = 1024;
 
 /**
  * @param {Image} image
@@ -44,12 +43,13 @@ function bitmapOf({ height, width, values }, alpha) {
 /**
  * Decode the background of a model whose pictures have this size.
  * @param {ProbabilityNetworks} networks
+ * @param {DecodeImage} decodeImage
  * @param {Uint8Array} data
  * @param {number} width
  * @param {number} height
- * @returns {BackgroundPictures}
+ * @returns {Promise<BackgroundPictures>}
  */
-export function decodeBackground(networks, data, width, height) {
+export async function decodeBackground(networks, decodeImage, data, width, height) {
   const nothing = {
     still: null,
     fields: null,
@@ -62,9 +62,9 @@ export function decodeBackground(networks, data, width, height) {
     const black = { height: 2, width: 2, values: new Float32Array(12) };
     return { ...nothing, moving: bitmapOf(black, null) };
   }
-  if (isLayered(data)) return decodeLayers(networks, data, width, height);
+  if (isLayered(data)) return decodeLayers(networks, decodeImage, data, width, height);
   const { mask, maskSide, picture } = parseBackground(data);
-  const image = decodePicture(networks, picture, "background", MAX_SIDE_PX);
+  const image = await decodeImage(picture, "background");
   if (!mask) return { ...nothing, moving: bitmapOf(image, null) };
   const { alpha, isClear } = maskOpacity(mask, maskSide, image.height, image.width);
   const colours = { ...image, channels: 3, values: image.values.map(toByte) };
@@ -74,15 +74,16 @@ export function decodeBackground(networks, data, width, height) {
 
 /**
  * @param {ProbabilityNetworks} networks
+ * @param {DecodeImage} decodeImage
  * @param {Uint8Array} data
  * @param {number} width
  * @param {number} height
- * @returns {BackgroundPictures}
+ * @returns {Promise<BackgroundPictures>}
  */
-function decodeLayers(networks, data, width, height) {
+async function decodeLayers(networks, decodeImage, data, width, height) {
   const layers = parseLayers(data, width, height);
-  const person = decodePicture(networks, layers.person, "person", MAX_SIDE_PX);
-  const scene = decodePicture(networks, layers.scene, "scene", MAX_SIDE_PX);
+  const person = await decodeImage(layers.person, "person");
+  const scene = await decodeImage(layers.scene, "scene");
   const alpha = layerOpacity(layers.mask, layers.maskSide, person.height, person.width);
   const size = changeSize(width, height);
   const decoder = modeDecoder(networks, size.rows, size.columns, new Uint8Array(0));

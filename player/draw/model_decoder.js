@@ -3,10 +3,12 @@ import { ProbabilityNetworks } from "../format/pictures/probability_network.js";
 import { Heads } from "../model/heads.js";
 import { AppearanceDecoder } from "./appearance.js";
 import { decodeBackground } from "./background_pictures.js";
+import { decodeImage } from "./images.js";
 
 /** @typedef {import("../data_file.js").Arrays} Arrays */
 /** @typedef {import("./appearance.js").MeanTexture} MeanTexture */
 /** @typedef {import("./background_pictures.js").BackgroundPictures} BackgroundPictures */
+/** @typedef {import("./images.js").DecodeWebp} DecodeWebp */
 /**
  * What is coded of the pictures of a model.
  * @typedef {object} CodedPictures
@@ -29,8 +31,12 @@ import { decodeBackground } from "./background_pictures.js";
 
 /** Decodes the pictures of one model after another: it takes longest, so a worker does it. */
 export class ModelDecoder {
-  /** @param {Arrays} data */
-  constructor(data) {
+  /**
+   * @param {Arrays} data
+   * @param {DecodeWebp} decodeWebp
+   */
+  constructor(data, decodeWebp) {
+    this.decodeWebp = decodeWebp;
     this.networks = new ProbabilityNetworks(/** @type {Map<string, Int32Array>} */ (data));
     this.heads = new Heads(data);
     /** @type {AppearanceDecoder | null} */
@@ -43,18 +49,21 @@ export class ModelDecoder {
    * Decode what of a model has not been decoded: first what can be drawn, then mode by mode.
    * Throws `FormatError` if it is damaged.
    * @param {CodedPictures} coded
-   * @returns {Generator<DecodedStep>}
+   * @returns {AsyncGenerator<DecodedStep>}
    */
-  *decode({ isThesis, width, height, texture, modes, background }) {
+  async *decode({ isThesis, width, height, texture, modes, background }) {
     let mean = null;
     if (!this.appearance?.isOf(texture, modes)) {
       const head = this.heads.of({ isThesis });
-      this.appearance = new AppearanceDecoder(this.networks, head, texture, isThesis);
+      const image = await this.#image(texture, "texture");
+      this.appearance = new AppearanceDecoder(this.networks, head, texture, image, isThesis);
       mean = this.appearance.mean;
     }
     let pictures = null;
     if (!this.background.length || !sameBytes(this.background, background)) {
-      pictures = decodeBackground(this.networks, background, width, height);
+      const decode = (/** @type {Uint8Array} */ data, /** @type {string} */ name) =>
+        this.#image(data, name);
+      pictures = await decodeBackground(this.networks, decode, background, width, height);
       this.background = background;
     }
     if (mean || pictures) yield { mean, modes: [], background: pictures, isLast: false };
@@ -62,5 +71,13 @@ export class ModelDecoder {
       yield { mean: null, modes: [mode], background: null, isLast: false };
     }
     yield { mean: null, modes: [], background: null, isLast: true };
+  }
+
+  /**
+   * @param {Uint8Array} data
+   * @param {string} name
+   */
+  #image(data, name) {
+    return decodeImage(this.networks, this.decodeWebp, data, name);
   }
 }

@@ -119,6 +119,14 @@ export class Scene {
   }
 
   /**
+   * Whether it draws these pictures, modes apart.
+   * @param {ModelPictures} pictures
+   */
+  draws({ mean, background }) {
+    return mean === this.pictures.mean && background === this.pictures.background;
+  }
+
+  /**
    * Draw with these appearance modes from now on.
    * @param {Float32Array[]} modes
    */

@@ -55,7 +55,6 @@ export class CallPlayer {
       const known = this.pictures.get(received) ?? this.pictures.get(this.models[this.decoded - 1]);
       const pictures = afterStep(answer, known);
       this.pictures.set(received, pictures);
-      if (this.shown?.received === received) this.shown.scene.setModes(pictures.modes);
       if (answer.isLast) this.decoded++;
       this.onMore();
     };
@@ -98,13 +97,26 @@ export class CallPlayer {
     const frame = this.frames[index];
     const pictures = this.pictures.get(frame.received);
     if (!pictures || !this.gl) return this.isDecoded;
-    if (this.shown?.received !== frame.received) {
-      this.shown?.scene.close();
-      const scene = new Scene(this.gl, this.heads, frame.received, pictures);
-      this.shown = { received: frame.received, scene };
-    }
+    this.shown = this.#sceneOf(this.gl, frame.received, pictures);
     this.shown.scene.draw(frame);
     this.shown.scene.show();
     return true;
+  }
+
+  /**
+   * What draws a model: as before where only modes have been added since.
+   * @param {WebGL2RenderingContext} gl
+   * @param {ReceivedModel} received
+   * @param {ModelPictures} pictures
+   */
+  #sceneOf(gl, received, pictures) {
+    const { shown } = this;
+    const isSame = shown?.received.sent === received.sent;
+    if (shown && isSame && shown.scene.draws(pictures)) {
+      shown.scene.setModes(pictures.modes);
+      return { received, scene: shown.scene };
+    }
+    shown?.scene.close();
+    return { received, scene: new Scene(gl, this.heads, received, pictures) };
   }
 }

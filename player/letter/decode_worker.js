@@ -1,26 +1,52 @@
 import { readDataFile } from "../data_file.js";
 import { ModelDecoder } from "../draw/model_decoder.js";
-import { FormatError } from "../format/errors.js";
+import { check, FormatError } from "../format/errors.js";
 
 /** @typedef {import("../draw/model_decoder.js").CodedPictures} CodedPictures */
 /** @typedef {import("../draw/model_decoder.js").DecodedStep} DecodedStep */
 /** What a worker is told: first the data file, then models. @typedef {{data: ArrayBuffer} | CodedPictures} Order */
 /** What it answers: the steps of each model in turn, up to the last one or an error. @typedef {DecodedStep | {error: string}} Answer */
 
-/** Decode in this worker, in the order of the messages. */
+/**
+ * The picture in a WebP file.
+ * @param {Uint8Array} data
+ */
+async function decodeWebp(data) {
+  const options = /** @type {ImageBitmapOptions} */ ({ colorSpaceConversion: "none" });
+  const blob = new Blob([data.slice()], { type: "image/webp" });
+  const bitmap = await createImageBitmap(blob, options).catch(() => null);
+  check(bitmap, "a WebP picture is damaged");
+  const { width, height } = bitmap;
+  const context = new OffscreenCanvas(width, height).getContext("2d");
+  check(context, "this browser cannot decode WebP pictures");
+  context.drawImage(bitmap, 0, 0);
+  const pixels = context.getImageData(0, 0, width, height).data;
+  return { height, width, values: Float32Array.from(pixels.filter((_, i) => i % 4 < 3)) };
+}
+
+/** Decode in this worker, one model after another in the order of the messages. */
 export function runDecodeWorker() {
   /** @type {ModelDecoder | null} */
   let decoder = null;
+  let turn = Promise.resolve();
   self.onmessage = (/** @type {MessageEvent<Order>} */ { data: order }) => {
-    if ("data" in order) {
-      decoder = new ModelDecoder(readDataFile(order.data));
-      return;
-    }
-    try {
-      for (const step of /** @type {ModelDecoder} */ (decoder).decode(order)) postMessage(step);
-    } catch (error) {
-      if (!(error instanceof FormatError)) throw error;
-      postMessage({ error: error.message });
+    if ("data" in order) decoder = new ModelDecoder(readDataFile(order.data), decodeWebp);
+    else if (decoder) {
+      const own = decoder;
+      turn = turn.then(() => answer(own, order));
     }
   };
+}
+
+/**
+ * @param {ModelDecoder} decoder
+ * @param {CodedPictures} order
+ */
+async function answer(decoder, order) {
+  try {
+    for await (const step of decoder.decode(order)) postMessage(step);
+  } catch (error) {
+    if (!(error instanceof FormatError)) throw error;
+    postMessage({ error: error.message });
+  }
 }

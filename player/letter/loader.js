@@ -17,7 +17,8 @@
     start.onload = () =>
       /** @type {any} */ (window).openLetter({ script, data, call: bytes("call").buffer });
     document.body.append(start);
-  } catch {
+  } catch (error) {
+    console.error(error);
     message.textContent = "This browser is too old for the letter.";
   }
 })();

@@ -11,6 +11,8 @@ from shared_model.errors import UserError
 STANDARD = Path("-")
 # Suffixes of videos and pictures.
 PICTURES = {".mkv", ".mp4", ".mov", ".avi", ".webm", ".png", ".jpg", ".jpeg"}
+# Suffixes of letters.
+PAGES = {".html", ".htm"}
 
 
 def check_outputs(inputs: Iterable[str | Path | None], outputs: Iterable[Path | None]) -> None:
@@ -52,6 +54,17 @@ def check_call_file(path: Path | None) -> None:
     if path is not None and path.suffix.lower() in PICTURES:
         better = path.with_suffix(".rzo")
         raise UserError(f"{path}: a call is no video; write {better} and decode that")
+
+
+def is_letter(path: Path | None) -> bool:
+    """Whether a letter is asked for by the name of an output."""
+    return path is not None and path.suffix.lower() in PAGES
+
+
+def check_letter_name(path: Path) -> None:
+    """Raise `UserError` unless a letter can have this name."""
+    if not is_letter(path):
+        raise UserError(f"{path}: a letter is a page; write {path.with_suffix('.html')}")
 
 
 def _refusal(folder: Path) -> str:

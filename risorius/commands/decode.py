@@ -28,7 +28,7 @@ from risorius.command_line.options import (
     add_timeout,
     add_view,
 )
-from risorius.command_line.output_checks import STANDARD, check_outputs
+from risorius.command_line.output_checks import STANDARD, check_outputs, is_letter
 from risorius.command_line.parser import INTERRUPTED, add_command
 from risorius.command_line.progress import ProgressLine, say, warn
 from risorius.command_line.signals import StopOnSignal
@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int | None], None]
 
+# What a letter does not go with, and the values that stand for nothing.
+LETTER_REJECTS = {"source": None, "face": None, "view": False, "report": None}
 # Below this PSNR of the whole picture source and call can hardly be of the same recording.
 UNRELATED_DB = 13.0
 
@@ -76,8 +78,9 @@ def add_decode(added: "Commands") -> None:
         "--output",
         type=Path,
         metavar="VIDEO",
-        help=".mkv .avi .mp4 .mov .webm, or frame%%04d.png; -: YUV4MPEG2 to standard output, as mpv"
-        " and ffplay read it; without it the call is only checked",
+        help=".mkv .avi .mp4 .mov .webm, or frame%%04d.png; .html: a page that plays it, see"
+        " risorius letter; -: YUV4MPEG2 to standard output, as mpv and ffplay read it; without it"
+        " the call is only checked",
     )
     add_comparison(parser)
     add_timeout(parser)
@@ -89,6 +92,8 @@ def add_decode(added: "Commands") -> None:
 def run_decode(arguments: argparse.Namespace) -> int:
     """`risorius decode`."""
     _check_arguments(arguments)
+    if is_letter(arguments.output):
+        return _write_letter(arguments)
     from loopback.report import write_json
 
     with ExitStack() as stack:
@@ -127,13 +132,27 @@ def _check_arguments(arguments: argparse.Namespace) -> None:
     check_outputs(read, [arguments.output, arguments.report])
     if arguments.call_file is not None:
         reject(arguments, DECODE_LINK_OPTIONS, "a call file")
-    if arguments.output is not None and arguments.output != STANDARD:
+    if is_letter(arguments.output):
+        if arguments.call_file in (None, STANDARD):
+            raise UserError("a letter is made of a call file; record the call with -o CALL first")
+        reject(arguments, LETTER_REJECTS, "a letter")
+    elif arguments.output is not None and arguments.output != STANDARD:
         from decoder.sinks.frame_sink import check_sink
 
         check_sink(arguments.output)
     check_ports(arguments)
     if arguments.source and arguments.output == STANDARD:
         raise UserError("--source does not go with -o -; leave out -o, or name a file")
+
+
+def _write_letter(arguments: argparse.Namespace) -> int:
+    from risorius.letter.letter_file import write_letter
+
+    path: Path = arguments.call_file
+    size = write_letter(path, arguments.output, path.stem, warn)
+    if not arguments.quiet:
+        print(f"{arguments.output}: {size / 1e3:.1f} kB")
+    return 0
 
 
 def _decode(

@@ -39,6 +39,7 @@ IMPORTERS = {
     "ai_edge_litert": {"encoder/detection/tflite.py"},
     "av": {
         "decoder/sinks/matroska_aspect.py",
+        "decoder/sinks/sound_file.py",
         "decoder/sinks/sound_stream.py",
         "decoder/sinks/video_file.py",
         "decoder/sound/speech_decoder.py",

@@ -15,6 +15,7 @@ test("the decisions of the table of docs/format.md", () => {
   assert.equal(new RangeDecoder(bytesOf("f280")).expGolomb(14), 20);
   const coder = new RangeDecoder(bytesOf("50"));
   const bits = AdaptiveBits.even(1);
+  /** @type {number[]} */
   const zeros = [];
   const read = Array.from({ length: 6 }, () => {
     zeros.push(bits.zeros[0]);
@@ -35,6 +36,7 @@ for (const name of ["frames_default", "frames_reserved"]) {
     const expected = json(`${name}.json`);
     const scales = Int32Array.from(expected.scale_codes.flat());
     const predictor = new FramePredictor(scales, expected.reserved);
+    /** @type {Float64Array} */
     let anchor = new Float64Array(predictor.components);
     for (const [number, line] of text(`${name}.hex`).trim().split("\n").entries()) {
       const decoded = predictor.decode(bytesOf(line), anchor, number, expected.frames_per_packet);

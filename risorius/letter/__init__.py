@@ -1,0 +1,1 @@
+"""A letter: a call and what plays it, in one HTML file."""

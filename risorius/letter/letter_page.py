@@ -1,0 +1,60 @@
+"""The HTML file of a letter: the player, its data, the call and its sound, all in the page."""
+
+import base64
+import zlib
+from html import escape
+from importlib.resources import files
+
+from shared_model.errors import UserError
+
+# Of the player: what it is built into, what it reads, and the page around it.
+BUILT, DATA = "built/letter.js", "data/player.bin"
+PAGE, STYLE, LOADER = "letter/letter.html", "letter/letter.css", "letter/loader.js"
+# What is left out of the loader: it is for whoever reads the source.
+COMMENT = "//"
+
+
+def letter_page(call: bytes, title: str, sound: bytes | None) -> str:
+    """The page of a call.
+
+    call: the bytes of a call file.  title: of the page.
+    sound: of the call from its first picture on, a WebM file; None: it is silent.
+    Raises `UserError` if the player has not been built.
+    """
+    player = files("player")
+    try:
+        script = player.joinpath(BUILT).read_bytes()
+    except FileNotFoundError as error:
+        raise UserError(
+            "the player has not been built; run make player in the sources, it needs node"
+        ) from error
+    page = player.joinpath(PAGE).read_text(encoding="utf-8")
+    parts = {
+        "title": escape(title),
+        "style": player.joinpath(STYLE).read_text(encoding="utf-8"),
+        "sound": "" if sound is None else _sound_element(sound),
+        "player": _base64(zlib.compress(script, 9)),
+        "data": _base64(zlib.compress(player.joinpath(DATA).read_bytes(), 9)),
+        "call": _base64(call),
+        "loader": _without_comments(player.joinpath(LOADER).read_text(encoding="utf-8")),
+    }
+    # All at once: what has been put in is not searched.
+    pieces = page.split("{{")
+    filled = [pieces[0]]
+    for piece in pieces[1:]:
+        name, rest = piece.split("}}", 1)
+        filled += [parts[name], rest]
+    return "".join(filled)
+
+
+def _sound_element(sound: bytes) -> str:
+    return f'<audio preload="auto" src="data:audio/webm;base64,{_base64(sound)}"></audio>'
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")
+
+
+def _without_comments(script: str) -> str:
+    lines = script.splitlines()
+    return "\n".join(line for line in lines if not line.lstrip().startswith(COMMENT))
