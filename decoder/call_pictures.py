@@ -2,12 +2,11 @@
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Self
+from typing import Protocol, Self
 
 import cv2
 import numpy as np
@@ -19,7 +18,7 @@ from decoder.playout.receiver import Receiver
 from decoder.scene.reenactment import read_model, reenact
 from decoder.scene.residual_picture import ResidualPicture
 from decoder.scene.scene import Scene
-from decoder.scene.scene_parts import PartsLoader, SceneParts
+from decoder.scene.scene_parts import PartsLoader
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
@@ -59,14 +58,30 @@ class DrawnFrame:
 class _ReceivedFrame:
     """A frame to draw.
 
-    drawn, parts: the model that is drawn, and what is decoded of it in the background.
+    drawn: the model that is drawn.
     arrival_s: `time.monotonic` when the newest packet before it came.
     """
 
     frame: PlayoutFrame
     drawn: ModelPacket
-    parts: Future[SceneParts]
     arrival_s: float
+
+
+class FaceObserver(Protocol):
+    """Who takes the faces of a call, to draw them elsewhere."""
+
+    @property
+    def wants_pictures(self) -> bool:
+        """Whether pictures are drawn here as well."""
+
+    def see_model(self, model: ModelPacket) -> None:
+        """A model of the call, with its layers so far, at the latest before its first face."""
+
+    def see_frame(self, frame: PlayoutFrame, arrival_s: float) -> None:
+        """The face of a source frame, in order.
+
+        arrival_s: `time.monotonic` when the newest packet before it came.
+        """
 
 
 class CallPictures:
@@ -77,6 +92,7 @@ class CallPictures:
 
     source: of the packets, waits no longer than it is asked to; None: what the options name.
     with_face_areas: say of each picture where its face is.
+    observer: takes the faces as well; None: nobody does.
     wants: whether to draw the picture of a source frame; who cannot draw all leaves some out.
     While a graphics card draws one picture, the next is prepared.  Attributes `stats`, `timer` and
     `receiver` hold what the report needs; `arrival_s`: `time.monotonic` when the packet came whose
@@ -92,12 +108,14 @@ class CallPictures:
         source: PacketSource | None = None,
         wants: Callable[[int], bool] = lambda index: True,
         with_face_areas: bool = False,
+        observer: FaceObserver | None = None,
     ) -> None:
         self.stats, self.timer = DecodeStats(), StageTimer()
         self.receiver = Receiver(on_damage=self._note_damage)
         self._drawn_ns = 0  # time of all stages until the newest picture was complete
         self._options, self._stop, self._stack = options, stop, ExitStack()
         self._wants, self._with_face_areas = wants, with_face_areas
+        self._observer = observer
         self._face_area: Single | None = None  # of the newest frame that is complete, if needed
         self._target = read_model(options.face) if options.face else None
         self._source = self._stack.enter_context(source or open_packet_source(options, on_message))
@@ -149,7 +167,9 @@ class CallPictures:
                 continue
             frame, target = received.frame, received.drawn
             self.arrival_s = received.arrival_s
-            if not self._wants(frame.index):
+            if self._observer is not None:
+                self._observer.see_frame(frame, received.arrival_s)
+            if not self._wants(frame.index) or not self._draws:
                 continue
             self._sender = frame.model
             if self._scene is None or self._scene.model is not target:
@@ -193,7 +213,14 @@ class CallPictures:
 
     def _with_model(self, frame: PlayoutFrame) -> _ReceivedFrame:
         drawn = self._target or frame.model
-        return _ReceivedFrame(frame, drawn, self._loader.request(drawn), self.stats.arrival_s)
+        if self._draws:
+            self._loader.request(drawn)
+        return _ReceivedFrame(frame, drawn, self.stats.arrival_s)
+
+    @property
+    def _draws(self) -> bool:
+        """Whether pictures are drawn."""
+        return self._observer is None or self._observer.wants_pictures
 
     def _note_damage(self, error: ProtocolError) -> None:
         self.stats.note_damage(error, self.receiver)
@@ -253,15 +280,16 @@ class CallPictures:
 
     def _prepare_models(self) -> None:
         """Begin to decode what has been received of models."""
-        if self._target is None:
-            for model in (self.receiver.model, self.receiver.next_model):
-                if model is not None:
-                    self._loader.request(model)
+        for model in (self.receiver.model, self.receiver.next_model):
+            if model is not None and self._observer is not None:
+                self._observer.see_model(model)
+            if model is not None and self._target is None and self._draws:
+                self._loader.request(model)
 
     def _change_scene(self, received: _ReceivedFrame) -> Scene:
         before, model = self._scene, received.drawn
         try:
-            parts = received.parts.result()
+            parts = self._loader.get(model)
         except ProtocolError as error:
             drawn = self._options.face or call_name(self._options)
             raise UserError(f"cannot draw {drawn}: {error}") from error

@@ -17,7 +17,9 @@ done
 built=$(mktemp -d)
 trap 'rm -rf "$built"' EXIT
 sh scripts/build_player.sh "$built"
-cmp "$built/letter.js" player/built/letter.js || {
-    echo "player/built/letter.js is not what the sources make: run make player" >&2
-    exit 1
-}
+for script in letter.js face_drawer.js; do
+    cmp "$built/$script" "player/built/$script" || {
+        echo "player/built/$script is not what the sources make: run make player" >&2
+        exit 1
+    }
+done

@@ -10,11 +10,11 @@ import { changeOf } from "./layer_colours.js";
 import { clipFromHead, isCoarse, Renderer } from "./renderer.js";
 import { ResidualPicture } from "./residual_picture.js";
 
+/** @typedef {import("../format/model_packet.js").ModelPacket} ModelPacket */
 /** @typedef {import("../model/head.js").Head} Head */
 /** @typedef {import("../model/heads.js").Heads} Heads */
 /** @typedef {import("../model/parameters.js").Pose} Pose */
 /** @typedef {import("../playout/playout.js").PlayoutFrame} PlayoutFrame */
-/** @typedef {import("../playout/received_models.js").ReceivedModel} ReceivedModel */
 /** @typedef {import("./appearance.js").MeanTexture} MeanTexture */
 /** @typedef {import("./background_pictures.js").BackgroundPictures} BackgroundPictures */
 /**
@@ -34,10 +34,10 @@ export class Scene {
   /**
    * @param {WebGL2RenderingContext} gl whose canvas has the size of the pictures
    * @param {Heads} heads
-   * @param {ReceivedModel} received
+   * @param {ModelPacket} model
    * @param {ModelPictures} pictures
    */
-  constructor(gl, heads, { model }, pictures) {
+  constructor(gl, heads, model, pictures) {
     const head = heads.of(model.call);
     this.head = head;
     this.model = model;
@@ -58,7 +58,7 @@ export class Scene {
 
   /**
    * Draw a frame; `show` puts it on the canvas.
-   * @param {PlayoutFrame} frame
+   * @param {Pick<PlayoutFrame, "face" | "index" | "residual" | "presence">} frame
    */
   draw({ face, index, residual, presence }) {
     const vertices = this.person.animate(face.eau);
@@ -119,11 +119,13 @@ export class Scene {
   }
 
   /**
-   * Whether it draws these pictures, modes apart.
+   * Whether it draws a model with these pictures, modes apart.
+   * @param {ModelPacket} model
    * @param {ModelPictures} pictures
    */
-  draws({ mean, background }) {
-    return mean === this.pictures.mean && background === this.pictures.background;
+  draws(model, { mean, background }) {
+    const isSame = mean === this.pictures.mean && background === this.pictures.background;
+    return isSame && model.version === this.model.version;
   }
 
   /**

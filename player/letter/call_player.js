@@ -111,12 +111,11 @@ export class CallPlayer {
    */
   #sceneOf(gl, received, pictures) {
     const { shown } = this;
-    const isSame = shown?.received.sent === received.sent;
-    if (shown && isSame && shown.scene.draws(pictures)) {
+    if (shown?.scene.draws(received.model, pictures)) {
       shown.scene.setModes(pictures.modes);
       return { received, scene: shown.scene };
     }
     shown?.scene.close();
-    return { received, scene: new Scene(gl, this.heads, received, pictures) };
+    return { received, scene: new Scene(gl, this.heads, received.model, pictures) };
   }
 }

@@ -14,7 +14,7 @@ export function modelsOf(frames) {
 
 /**
  * What is coded of the pictures of a model.
- * @param {ReceivedModel} received
+ * @param {Pick<ReceivedModel, "model" | "modes">} received
  * @returns {CodedPictures}
  */
 export function codedPictures({ model, modes }) {

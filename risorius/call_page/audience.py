@@ -5,9 +5,11 @@ A slow one loses pictures and older states; it delays neither the call nor anoth
 
 import asyncio
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import chain
 
+from risorius.call_page.face_message import FaceMessage, ModelMessage
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 
 # Messages of each stream that may wait for one watcher: a packet's eight pictures come at once.
@@ -15,20 +17,32 @@ MAX_WAITING = 24
 # How often it is looked whether anything still waits.
 NAP_S = 0.01
 
-Message = PictureMessage | SoundMessage | str
+# Models of a stream that a watcher who joins gets: that in use and the next, with more and fewer
+# layers.
+KEPT_MODELS = 3
+
+Message = PictureMessage | FaceMessage | ModelMessage | SoundMessage | str
 
 
 class Watcher:
-    """What one page has not received yet: some pictures and sounds, of each kind of text one."""
+    """What one page has not received yet: some pictures and sounds, of each kind of text one.
+
+    draws: it gets faces and models, all of these, and draws them; else it gets pictures.
+    """
 
     def __init__(self) -> None:
+        self.draws = False
         self._waiting: deque[tuple[Stream | str, Message]] = deque()  # with the stream or kind
         self._arrived = asyncio.Event()
         self._has_ended = False
 
-    def put(self, message: PictureMessage | SoundMessage) -> None:
-        """Add a picture or sound; if there are too many of its stream, the oldest goes."""
+    def put(self, message: PictureMessage | FaceMessage | SoundMessage) -> None:
+        """Add a picture, face or sound; if there are too many of its stream, the oldest goes."""
         self._put(message.stream, message, MAX_WAITING)
+
+    def put_model(self, message: ModelMessage) -> None:
+        """Add a model."""
+        self._put("model", message, MAX_WAITING)
 
     def put_text(self, kind: str, text: str) -> None:
         """Add a text instead of the one of its kind that waits."""
@@ -66,11 +80,15 @@ class Audience:
     """All watchers of a call; used in one event loop.
 
     A new one first gets the newest picture of each stream and the newest text of each kind.
+    on_need: called with whether somebody needs pictures, when that changes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, on_need: Callable[[bool], None] = lambda is_needed: None) -> None:
         self._watchers: list[Watcher] = []
+        self._on_need, self._needs_pictures = on_need, False
         self._pictures: dict[Stream, PictureMessage] = {}
+        self._faces: dict[Stream, FaceMessage] = {}
+        self._models: dict[Stream, deque[ModelMessage]] = {}
         self._texts: dict[str, str] = {}
         self._joined = asyncio.Event()
 
@@ -81,7 +99,22 @@ class Audience:
         """Send a picture to all."""
         self._pictures[picture.stream] = picture
         for watcher in self._watchers:
-            watcher.put(picture)
+            if not watcher.draws:
+                watcher.put(picture)
+
+    def show_face(self, face: FaceMessage) -> None:
+        """Send a face to all who draw."""
+        self._faces[face.stream] = face
+        for watcher in self._watchers:
+            if watcher.draws:
+                watcher.put(face)
+
+    def show_model(self, model: ModelMessage) -> None:
+        """Send a model to all who draw."""
+        self._models.setdefault(model.stream, deque(maxlen=KEPT_MODELS)).append(model)
+        for watcher in self._watchers:
+            if watcher.draws:
+                watcher.put_model(model)
 
     def play(self, sound: SoundMessage) -> None:
         """Send a piece of sound to all."""
@@ -108,6 +141,15 @@ class Audience:
         """Wait for the first watcher."""
         await self._joined.wait()
 
+    def let_draw(self, watcher: Watcher) -> None:
+        """From now on a watcher gets faces and models instead of pictures."""
+        watcher.draws = True
+        for model in chain.from_iterable(self._models.values()):
+            watcher.put_model(model)
+        for face in self._faces.values():
+            watcher.put(face)
+        self._tell_need()
+
     @contextmanager
     def watching(self) -> Iterator[Watcher]:
         """A watcher for the time of the `with` block."""
@@ -117,8 +159,16 @@ class Audience:
         for picture in self._pictures.values():
             watcher.put(picture)
         self._watchers.append(watcher)
+        self._tell_need()
         self._joined.set()
         try:
             yield watcher
         finally:
             self._watchers.remove(watcher)
+            self._tell_need()
+
+    def _tell_need(self) -> None:
+        is_needed = any(not watcher.draws for watcher in self._watchers)
+        if is_needed != self._needs_pictures:
+            self._needs_pictures = is_needed
+            self._on_need(is_needed)

@@ -14,10 +14,16 @@ function receiveSound(view, data) {
 /** @param {ArrayBuffer} data */
 function receivePicture(data) {
   const view = new DataView(data),
-    stream = view.getUint8(0),
+    kind = view.getUint8(0) & (FACE | MODEL),
+    stream = view.getUint8(0) - kind,
     player = stream === OTHER || stream === SELF ? players[stream] : null;
   if (stream === VOICE) return receiveSound(view, data);
   if (!player) return;
+  if (kind === MODEL) return player.drawer?.addModel(data);
+  const shown =
+    kind === FACE
+      ? { face: faces.parse(data, HEADER_BYTES) }
+      : { jpeg: new Uint8Array(data, HEADER_BYTES) };
   const picture = {
     frozen: view.getUint8(1),
     index: view.getUint32(4, true),
@@ -25,7 +31,7 @@ function receivePicture(data) {
     made: view.getFloat64(16, true),
     waited: view.getUint16(2, true),
     came: performance.timeOrigin + performance.now(),
-    jpeg: new Uint8Array(data, HEADER_BYTES),
+    ...shown,
   };
   if (tape.is && stream === OTHER) tape.add({ ...picture });
   if (!(tape.isTouched && stream === OTHER)) player.receive(picture);
@@ -204,8 +210,23 @@ function startTape() {
   tape.is = true;
   el("tape").hidden = false;
 }
+/** What the script `face_drawer.js` gives.
+ * @type {{canDraw: () => boolean, make: (data: ArrayBuffer) => FaceDrawer,
+ *   parse: (data: ArrayBuffer, start: number) => object}} */
+// @ts-expect-error: that script is built
+const faces = window.faces;
+// Faces come: this page draws them, where it can.
+async function drawFaces() {
+  if (isWindow || !faces?.canDraw()) return;
+  const answer = await fetch("player.bin");
+  if (!answer.ok) return;
+  const data = await answer.arrayBuffer();
+  for (const player of Object.values(players)) player.drawer ??= faces.make(data);
+  command("draws");
+}
 /** @type {Record<string, (message: any) => void>} */
 const receivers = {
+  faces: drawFaces,
   tape: startTape,
   state: showState,
   costs: showCosts,

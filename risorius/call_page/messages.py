@@ -98,10 +98,15 @@ def parse_message(data: bytes) -> PictureMessage | SoundMessage:
 
 def serialise_picture(message: PictureMessage) -> bytes:
     """The bytes of a message, as above."""
+    return picture_header(message) + message.jpeg
+
+
+def picture_header(message: PictureMessage, kind: int = 0) -> bytes:
+    """The header of a picture.  kind: added to the byte of its stream."""
     flag = 2 if message.frozen and message.lost else int(message.frozen)
     waited_ms = min(max(message.waited_ms, 0), MAX_WAITED_MS)
-    head = message.stream, flag, waited_ms, message.index, message.time_s, message.made_ms
-    return _HEADER.pack(*head) + message.jpeg
+    head = message.stream + kind, flag, waited_ms, message.index, message.time_s, message.made_ms
+    return _HEADER.pack(*head)
 
 
 def parse_picture(data: bytes) -> PictureMessage:

@@ -1,7 +1,10 @@
 """The server of a call's page: the page itself, its WebSocket, and a stream for other programs.
 
 /TOKEN/               the page; with ?window=1 nothing but the picture, for OBS and the like
-/TOKEN/ws             pictures and state to the page; camera, sound and commands from it
+/TOKEN/ws             pictures and state to the page; camera, sound and commands from it; after the
+                      command `draws` faces and models instead of pictures: the page draws
+/TOKEN/face_drawer.js, /TOKEN/player.bin
+                      what draws them
 /TOKEN/stream.mjpg    the other person's pictures as Motion JPEG
 """
 
@@ -15,6 +18,12 @@ from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
 from protocol.errors import ProtocolError
 from risorius.call_page.audience import Audience, Watcher
+from risorius.call_page.face_message import (
+    FaceMessage,
+    ModelMessage,
+    serialise_face,
+    serialise_model_message,
+)
 from risorius.call_page.messages import (
     MAX_JPEG_BYTES,
     PictureMessage,
@@ -24,13 +33,15 @@ from risorius.call_page.messages import (
     serialise_message,
 )
 from risorius.page.access import HEADERS
-from risorius.page.local_site import LocalSite, page_files
+from risorius.page.local_site import LocalSite, page_files, player_files
 
 FILES = (
     *("call.css", "call.js", "player.js", "voice.js", "voice_worklet.js"),
     *("tape.js", "devices.js", "camera_worker.js"),
 )
 BOUNDARY = "picture"
+# The command of a page that draws faces.
+DRAWS = "draws"
 PATIENCE_S = 0.5
 CommandCallback = Callable[[dict[str, Any]], None]
 CameraCallback = Callable[[PictureMessage], None]
@@ -43,6 +54,7 @@ class PageServer:
     on_command: called with each command of a page; its `kind` is a string.
     on_camera, on_sound: called with each picture of a page's camera and each piece of sound of its
         microphone; of several pages one gives these at a time.  None: there are none.
+    on_need: called with whether a page or a program needs pictures, since it cannot draw faces.
     patience_s: how long it waits at most, when it closes, for pages to leave and for a picture that
         is on its way.
     """
@@ -53,8 +65,9 @@ class PageServer:
         on_camera: CameraCallback | None = None,
         on_sound: SoundCallback | None = None,
         patience_s: float = PATIENCE_S,
+        on_need: Callable[[bool], None] = lambda is_needed: None,
     ) -> None:
-        self.audience = Audience()
+        self.audience = Audience(on_need)
         self._on_command, self._on_camera, self._on_sound = on_command, on_camera, on_sound
         self._giving: web.WebSocketResponse | None = None  # whose camera and microphone are used
         self._sockets: set[web.WebSocketResponse] = set()
@@ -63,6 +76,7 @@ class PageServer:
         self._site = LocalSite(
             {
                 **page_files("risorius.call_page", "call.html", FILES),
+                **player_files(),
                 ("GET", "ws"): self._get_socket,
                 ("GET", "stream.mjpg"): self._get_stream,
             },
@@ -94,6 +108,14 @@ class PageServer:
     def show(self, picture: PictureMessage) -> None:
         """Send a picture to all pages."""
         self.audience.show(picture)
+
+    def show_face(self, face: FaceMessage) -> None:
+        """Send a face to the pages that draw."""
+        self.audience.show_face(face)
+
+    def show_model(self, model: ModelMessage) -> None:
+        """Send a model to the pages that draw."""
+        self.audience.show_model(model)
 
     def play(self, sound: SoundMessage) -> None:
         """Send a piece of sound to all pages."""
@@ -139,7 +161,7 @@ class PageServer:
                 sending = asyncio.create_task(_send(socket, watcher))
                 try:
                     async for message in socket:
-                        await self._receive(socket, message)
+                        await self._receive(socket, watcher, message)
                 finally:
                     sending.cancel()
         finally:
@@ -150,14 +172,20 @@ class PageServer:
                 self._giving = None
         return socket
 
-    async def _receive(self, socket: web.WebSocketResponse, message: WSMessage) -> None:
+    async def _receive(
+        self, socket: web.WebSocketResponse, watcher: Watcher, message: WSMessage
+    ) -> None:
         """Take a page's message; one that is damaged is left out."""
         with suppress(ProtocolError, ValueError, RecursionError):
             if message.type is WSMsgType.BINARY:
                 await self._take(socket, parse_message(message.data))
-            elif message.type is WSMsgType.TEXT and self._on_command is not None:
+            elif message.type is WSMsgType.TEXT:
                 command = json.loads(message.data)
-                if isinstance(command, dict) and isinstance(command.get("kind"), str):
+                if not isinstance(command, dict) or not isinstance(command.get("kind"), str):
+                    return
+                if command["kind"] == DRAWS:
+                    self.audience.let_draw(watcher)
+                elif self._on_command is not None:
                     self._on_command(command)
 
     async def _take(
@@ -182,5 +210,9 @@ async def _send(socket: web.WebSocketResponse, watcher: Watcher) -> None:
         while (message := await watcher.take()) is not None:
             if isinstance(message, str):
                 await socket.send_str(message)
+            elif isinstance(message, FaceMessage):
+                await socket.send_bytes(serialise_face(message))
+            elif isinstance(message, ModelMessage):
+                await socket.send_bytes(serialise_model_message(message))
             else:
                 await socket.send_bytes(serialise_message(message))

@@ -3,7 +3,10 @@ const OTHER = 1,
   CAMERA = 3,
   VOICE = 4,
   MICROPHONE = 5,
-  HEADER_BYTES = 24;
+  HEADER_BYTES = 24,
+  // What is added to a stream: its face, its model.
+  FACE = 64,
+  MODEL = 128;
 // Pictures that wait for their time at most: more come only while the page is not drawn.
 const MAX_QUEUED = 90;
 // Pictures that wait to be decoded at most, and how many of the newest stay then: what is left out costs nothing.
@@ -27,11 +30,14 @@ const now = () => performance.now() / 1000;
 // Shows pictures at the distances at which they were taken.  They come in groups, a packet at a time:
 // each is shown `offset` after its time in the source, so late that those of the last seconds did not miss it.  Two
 // slots of that time may: what comes later than the others is shown at once, and does not delay the rest of the call.
-/** A picture as it has come.  jpeg: its file; bitmap: decoded.  time: in the source, seconds.
+/** What draws faces: `player/page/face_drawer.js`.
+ * @typedef {{addModel: (message: ArrayBuffer) => void,
+ *   draw: (face: object) => HTMLCanvasElement | null}} FaceDrawer */
+/** A picture as it has come.  jpeg: its file; bitmap: decoded; face: instead of them.  time: in the source, seconds.
  * made, came: when it was taken and has come, ms since 1970.  waited: at the other end, ms.
  * frozen: 0, 1: no face is in the picture, 2: nothing comes.
  * @typedef {{frozen: number, index: number, time: number, made: number, waited: number,
- *   came: number, jpeg: Uint8Array<ArrayBuffer>, bitmap?: ImageBitmap}} Picture */
+ *   came: number, jpeg?: Uint8Array<ArrayBuffer>, face?: object, bitmap?: ImageBitmap}} Picture */
 
 class Player {
   /** @param {HTMLCanvasElement} canvas */
@@ -58,6 +64,8 @@ class Player {
     this.isDecoding = false;
     this.leftOut = 0;
     this.slowAt = -Infinity;
+    /** @type {FaceDrawer | null} null: faces do not come */
+    this.drawer = null;
     this.reset();
   }
   reset() {
@@ -98,6 +106,7 @@ class Player {
   /** Takes a picture that is not decoded.  One after the other: two may be ready in another order.
    * @param {Picture} picture */
   async receive(picture) {
+    if (picture.face) return this.add(picture);
     this.coded.push(picture);
     if (this.coded.length > MAX_CODED) {
       this.leftOut += this.coded.splice(0, this.coded.length - KEPT_CODED).length;
@@ -107,7 +116,8 @@ class Player {
     this.isDecoding = true;
     for (let next = this.coded.shift(); next; next = this.coded.shift()) {
       try {
-        next.bitmap = await createImageBitmap(new Blob([next.jpeg], { type: "image/jpeg" }));
+        const jpeg = /** @type {Uint8Array<ArrayBuffer>} */ (next.jpeg);
+        next.bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
         this.add(next);
       } catch {
         /* It is no picture. */
@@ -135,15 +145,17 @@ class Player {
     if (!due) return;
     this.drop(due - 1);
     const picture = this.queue.shift(),
-      bitmap = picture?.bitmap;
-    if (!picture || !bitmap) return;
-    const { width, height } = bitmap;
+      drawn = picture?.face ? this.drawer?.draw(picture.face) : picture?.bitmap;
+    if (!picture || !drawn) return;
+    const { width, height } = drawn;
     if (this.canvas.width !== width || this.canvas.height !== height) {
       this.canvas.width = width;
       this.canvas.height = height;
     }
-    this.context.drawImage(bitmap, 0, 0);
-    bitmap.close();
+    // What is lost is shown in grey; a picture that the program has drawn is so already.
+    this.context.filter = picture.face && picture.frozen === 2 ? "grayscale(1)" : "none";
+    this.context.drawImage(drawn, 0, 0);
+    picture.bitmap?.close();
     this.shown++;
     this.index = picture.index;
     this.frozen = picture.frozen;

@@ -102,7 +102,9 @@ const tape = {
     if (!picture || this.isDrawing || number === this.shown) return;
     this.isDrawing = true;
     try {
-      const bitmap = await createImageBitmap(new Blob([picture.jpeg], { type: "image/jpeg" }));
+      const bitmap = await createImageBitmap(
+        new Blob([/** @type {Uint8Array<ArrayBuffer>} */ (picture.jpeg)], { type: "image/jpeg" }),
+      );
       player.context.drawImage(bitmap, 0, 0, player.canvas.width, player.canvas.height);
       bitmap.close();
       player.index = picture.index;

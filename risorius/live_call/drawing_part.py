@@ -1,4 +1,5 @@
-"""The process that draws a person: packets of the call in, pictures and sound out."""
+"""The process that receives a person: packets of the call in, faces and sound out; and pictures,
+where a page cannot draw them."""
 
 import os
 import time
@@ -15,6 +16,7 @@ from protocol.call_parameters import CallParameters
 from protocol.link.interface import Arrival, PacketSource
 from risorius.call_page.page_thread import encoded_picture
 from risorius.live_call.messages import (
+    Draw,
     DrawingOptions,
     Drawn,
     Heard,
@@ -27,6 +29,7 @@ from risorius.live_call.packets.recorder import CallRecorder
 from risorius.live_call.packets.stamped_source import StampedSource
 from risorius.live_call.packets.traffic_meter import MeteredSource, TrafficMeter
 from risorius.live_call.part_connection import PartConnection
+from risorius.live_call.shown_faces import ShownFaces
 from risorius.live_call.thinning import Thinning
 from runtime.parallel import lower_priority_of_process
 from shared_model.arrays import Samples
@@ -67,9 +70,10 @@ class _Drawing:
         self._meter, self.recorder = TrafficMeter(), CallRecorder(part.send)
         self._presence = Presence.AWAITED
         self._thinning = Thinning(options.fps, time.monotonic)
+        self._faces = ShownFaces(part.send, options.fps)
         self._pictures: CallPictures | None = None
         self._sound: SoundTrack | None = None
-        self._sound_start = 0  # source frame of its beginning
+        self._sound_start: int | None = None  # source frame of its beginning
         self._losses = deque[tuple[int, int]](maxlen=LOSS_S)  # lost and all, each second
         self._lock = Lock()  # of the losses
 
@@ -110,7 +114,10 @@ class _Drawing:
         return Receiving(traffic, self._presence, self._lost_share, covered_s, is_camera_off)
 
     def _do(self, message: ToDrawer) -> None:
-        self.recorder.record(message.path)
+        if isinstance(message, Draw):
+            self._faces.draw_here(message.on)
+        else:
+            self.recorder.record(message.path)
 
     @property
     def _lost_share(self) -> float:
@@ -149,15 +156,14 @@ class _Drawing:
         source = MeteredSource(opened, self._meter, self._note)
         self._thinning = Thinning(self._options.fps, time.monotonic)
         options, stop = CallSource(), self._part.is_over.is_set
-        self._sound = None
+        self._sound = self._sound_start = None
         try:
-            with CallPictures(options, stop, source=source, wants=self._wants) as pictures:
+            drawing = CallPictures(
+                options, stop, source=source, wants=self._wants, observer=self._faces
+            )
+            with drawing as pictures:
                 self._pictures = pictures
                 for frame in pictures:
-                    if self._sound is None:
-                        speech = pictures.receiver.speech
-                        self._sound = open_sound_track(speech, pictures.sender, frame.index)
-                        self._sound_start = frame.index
                     self._show(frame)
         except UserError as error:
             if error.exit_code != LINK_FAILED and not stop():
@@ -169,6 +175,9 @@ class _Drawing:
         """Whether to draw the picture of source frame `index`; the sound does not wait for that."""
         pictures = self._pictures
         assert pictures is not None
+        if self._sound_start is None:
+            self._sound = open_sound_track(pictures.receiver.speech, pictures.sender, index)
+            self._sound_start = index
         if self._sound is not None:
             self._speak(self._sound, pictures, index)
         self._thinning.arrival_s = pictures.arrival_s
@@ -187,7 +196,7 @@ class _Drawing:
 
     def _speak(self, sound: SoundTrack, pictures: CallPictures, index: int) -> None:
         """Send all the sound that is known.  index: of the picture that is drawn next."""
-        first = self._sound_start
+        first = self._sound_start or 0
         start_s = first / pictures.sender.fps + sound.written / sound.rate_hz
         most = index + 1 - first + MAX_AHEAD
         samples = sound.take(most, pictures.receiver.speech.received_until)

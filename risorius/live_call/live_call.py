@@ -16,6 +16,7 @@ from protocol.link.direction import Direction, DirectionMessage
 from protocol.link.zenoh_direction import ZenohDirection
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from risorius.call_page.call_view import open_browser
+from risorius.call_page.face_message import FaceMessage, ModelMessage
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_clock import PageClock
 from risorius.call_page.page_server import PageServer
@@ -27,6 +28,7 @@ from risorius.live_call.messages import (
     BROWSER,
     CameraPicture,
     Device,
+    Draw,
     DrawingOptions,
     Drawn,
     FromPart,
@@ -39,6 +41,8 @@ from risorius.live_call.messages import (
     Recording,
     Sending,
     SendingOptions,
+    ShownFace,
+    ShownModel,
     Strangers,
     Switch,
     Trouble,
@@ -78,7 +82,10 @@ class _LiveCall:
 
     def __init__(self, options: CallOptions, where: str, tell: Callable[[str], None]) -> None:
         self._options, self._where = options, where
-        self._page = PageServer(self._command, self._take_picture, self._take_sound)
+        self._page = PageServer(
+            self._command, self._take_picture, self._take_sound, on_need=self._draw
+        )
+        self._draws = False  # pictures are needed
         self._clock = PageClock()
         self._over = asyncio.Event()
         self._failure: UserError | None = None
@@ -104,6 +111,7 @@ class _LiveCall:
                 with ends:
                     self._ends = ends
                     self._start(await asyncio.to_thread(ends.settle))
+                    self._page.tell("faces")
                     self._setup()
                     self._invite()
                     self._status.tell()
@@ -162,10 +170,17 @@ class _LiveCall:
         try:
             self._sender = self._part("sending_part", sending, (monitor,), self._receive_sending)
             self._other = self._part("drawing_part", other, (), self._receive_other)
-            self._part("drawing_part", oneself, (own_picture,), self._receive_self)
+            self._self = self._part("drawing_part", oneself, (own_picture,), self._receive_self)
         finally:
             for descriptor in (own_picture, monitor):
                 os.close(descriptor)
+        self._draw(self._draws)
+
+    def _draw(self, is_needed: bool) -> None:
+        """Let pictures be drawn here, where a page cannot, or leave that to the pages."""
+        self._draws = is_needed
+        for part in (self._other, self._self) if self._parts else ():
+            part.send(Draw(is_needed))
 
     def _part(
         self,
@@ -224,11 +239,13 @@ class _LiveCall:
             self._receive(message)
 
     def _receive_other(self, message: FromPart | None) -> None:
-        if self._status.is_refused and isinstance(message, Drawn | Heard):
+        if self._status.is_refused and isinstance(message, Drawn | ShownFace | Heard):
             # It is for somebody else.
             return
-        if isinstance(message, Drawn):
-            self._page.show(_picture(Stream.OTHER, message))
+        if isinstance(message, Drawn | ShownFace | ShownModel):
+            self._show(Stream.OTHER, message)
+            if isinstance(message, ShownModel):
+                return
             if not self._status.has_picture:
                 self._status.has_picture = True
                 self._tell()
@@ -247,14 +264,25 @@ class _LiveCall:
         else:
             self._receive(message)
 
+    def _show(self, stream: Stream, message: Drawn | ShownFace | ShownModel) -> None:
+        """Hand a picture, a face or a model on to the pages."""
+        if isinstance(message, ShownModel):
+            self._page.show_model(ModelMessage(stream, message.number, message.packet))
+        elif isinstance(message, ShownFace):
+            shown = _picture(stream, message, b"")
+            face = message.model, message.presence, message.values
+            self._page.show_face(FaceMessage(shown, *face))
+        else:
+            self._page.show(_picture(stream, message, message.jpeg))
+
     def _tell(self) -> None:
         """Tell how the call goes; the ends part one after the other when it is over."""
         if not self._over.is_set():
             self._status.tell()
 
     def _receive_self(self, message: FromPart | None) -> None:
-        if isinstance(message, Drawn):
-            self._page.show(_picture(Stream.SELF, message))
+        if isinstance(message, Drawn | ShownFace | ShownModel):
+            self._show(Stream.SELF, message)
         elif message is not None:
             self._receive(message)
 
@@ -322,6 +350,6 @@ class _LiveCall:
             part.send(Record(self._options.folder / f"{start}-{side}.rzo" if on else None))
 
 
-def _picture(stream: Stream, drawn: Drawn) -> PictureMessage:
+def _picture(stream: Stream, drawn: Drawn | ShownFace, jpeg: bytes) -> PictureMessage:
     state = drawn.frozen, drawn.lost, drawn.waited_ms
-    return PictureMessage(stream, drawn.index, drawn.time_s, drawn.made_ms, drawn.jpeg, *state)
+    return PictureMessage(stream, drawn.index, drawn.time_s, drawn.made_ms, jpeg, *state)

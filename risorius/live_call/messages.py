@@ -113,6 +113,41 @@ class Record:
 
 
 @dataclass(frozen=True, slots=True)
+class Draw:
+    """Draw pictures from now on, or leave that to the pages."""
+
+    on: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ShownModel:
+    """A model of the call, for pages that draw it; number: by which faces name it."""
+
+    number: int
+    packet: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class ShownFace:
+    """The face of a source frame, for pages that draw it.
+
+    index, time_s, made_ms, waited_ms, frozen, lost: as of `Drawn`.
+    model: number of its model.  presence: how much of the person is shown, 0 to 1.
+    values: see `risorius.call_page.face_message`.
+    """
+
+    index: int
+    time_s: float
+    made_ms: float
+    waited_ms: int
+    frozen: bool
+    lost: bool
+    model: int
+    presence: float
+    values: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class Drawn:
     """A picture that has been drawn, a JPEG file.
 
@@ -220,5 +255,7 @@ class Trouble:
 
 
 ToSender = CameraPicture | MicrophoneSound | Switch | Record
-ToDrawer = Record
-FromPart = Drawn | Heard | Sending | Receiving | Recording | Strangers | Trouble
+ToDrawer = Record | Draw
+FromPart = (
+    Drawn | ShownModel | ShownFace | Heard | Sending | Receiving | Recording | Strangers | Trouble
+)

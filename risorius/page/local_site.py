@@ -91,6 +91,16 @@ def page_files(package: str, page: str, names: Sequence[str]) -> dict[tuple[str,
     return {("GET", path): _file(part) for path, part in parts.items()}
 
 
+def player_files() -> dict[tuple[str, str], Handler]:
+    """What draws faces on a page, and its data."""
+    player = files("player")
+    data = (player / "data" / "player.bin").read_bytes()
+    return {
+        ("GET", "face_drawer.js"): _file(player / "built" / "face_drawer.js"),
+        ("GET", "player.bin"): fixed(data, "application/octet-stream"),
+    }
+
+
 def _file(part: Traversable) -> Handler:
     return fixed(part.read_bytes(), MEDIA_TYPES[PurePath(part.name).suffix])
 

@@ -1,0 +1,119 @@
+"""A letter as headless Chromium plays it, frame by frame."""
+
+import base64
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from loopback.browser import Browser
+from shared_model.arrays import Picture
+
+# Chromium draws in software where there is no graphics card.
+SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+# How long a letter may take to be decoded.
+DECODED_S = 60.0
+GRAB = """
+window.grab = (index) => {
+  letter.player.draw(index);
+  const pixels = letter.player.shown.scene.read();
+  let text = "";
+  for (let k = 0; k < pixels.length; k += 32768)
+    text += String.fromCharCode(...pixels.subarray(k, k + 32768));
+  return btoa(text);
+};
+window.time_frames = (count) => {
+  const player = letter.player;
+  player.draw(0);
+  player.shown.scene.read();
+  const start = performance.now();
+  for (let i = 0; i < count; i++) player.draw(i);
+  player.shown.scene.read();
+  return (performance.now() - start) / count;
+};
+"""
+OPENED = """
+window.shown_ms = window.decoded_ms = null;
+window.errors = [];
+window.onerror = (message, source, line, column, error) => errors.push(String(error));
+window.onunhandledrejection = (event) => errors.push(String(event.reason));
+const look = () => {
+  if (window.letter) {
+    if (shown_ms === null && letter.drawn >= 0) shown_ms = performance.now();
+    if (decoded_ms === null && letter.player.isDecoded) decoded_ms = performance.now();
+  }
+  if (shown_ms === null || decoded_ms === null) requestAnimationFrame(look);
+};
+requestAnimationFrame(look);
+"""
+
+
+class PlayedLetter:
+    """A letter in a browser; a context manager.
+
+    program: path of Chromium.  folder: for its profile.  letter: the HTML file.
+    """
+
+    def __init__(
+        self, program: str, folder: Path, letter: Path, width: int = 1280, height: int = 800
+    ) -> None:
+        self.browser = Browser(program, folder, width, height, *SOFTWARE_GL)
+        self.browser.call("Page.enable")
+        self.browser.call("Page.addScriptToEvaluateOnNewDocument", source=OPENED)
+        self.browser.call("Page.navigate", url=letter.absolute().as_uri())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.browser.__exit__(kind, error, trace)
+
+    def wait_until_decoded(self) -> None:
+        """Wait until the letter is there with all its models."""
+        self.browser.wait("shown_ms !== null && decoded_ms !== null", DECODED_S)
+        self.browser.value(GRAB)
+
+    @property
+    def message(self) -> str:
+        """What the page says below the picture."""
+        return str(self.browser.value("document.getElementById('message').textContent"))
+
+    @property
+    def errors(self) -> Sequence[str]:
+        """Errors of the page's scripts that nobody has caught."""
+        return list(self.browser.value("errors"))
+
+    @property
+    def frames(self) -> int:
+        """Number of frames of the call."""
+        return int(self.browser.value("letter.player.frames.length"))
+
+    @property
+    def shown_ms(self) -> float:
+        """When the first picture was there, ms from when the page was asked for."""
+        return float(self.browser.value("shown_ms"))
+
+    @property
+    def decoded_ms(self) -> float:
+        """When all models had been decoded, ms from when the page was asked for."""
+        return float(self.browser.value("decoded_ms"))
+
+    def picture(self, index: int) -> Picture:
+        """A frame as the page draws it, (height, width, 3) uint8 BGR."""
+        data = base64.b64decode(self.browser.value(f"grab({index})"))
+        width, height = self.browser.value(
+            "[letter.player.gl.canvas.width, letter.player.gl.canvas.height]"
+        )
+        pixels = np.frombuffer(data, np.uint8).reshape(height, width, 4)
+        return np.ascontiguousarray(pixels[..., 2::-1])
+
+    def frame_ms(self, count: int) -> float:
+        """Mean time of drawing the first frames, ms."""
+        return float(self.browser.value(f"time_frames({count})"))
