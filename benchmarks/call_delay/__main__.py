@@ -4,14 +4,19 @@
     python -m benchmarks call_delay --clips seen.mp4 other.mp4
     python -m benchmarks call_delay --one-way
     python -m benchmarks call_delay --minutes 10
+    python -m benchmarks call_delay --both-pages [--draws]
 
 Two ends on this host's loopback; a headless Chromium shows one of them.  The source is a clip whose
 mouth opens at known times and sounds just then: a clock that a model of the face transmits.  With
 --clips the ends have these two for cameras, and the page shows the first; nothing is known of their
 mouths.  With --one-way the end with the page has a camera that sees nobody: about as much work as
-if each end had a host of its own.  Prints a line of JSON:
+if each end had a host of its own.  With --both-pages the page of the other end is open as well.
+With --draws pages draw the faces by themselves, though they do it in software here; else the host
+draws for them.  Prints a line of JSON:
 
     pictures_per_s   shown by the page
+    receiving_cpu    CPU seconds a second of the four processes that receive and perhaps draw, two
+        at each end
     delay_ms         median and 95th percentile from the moment a frame was taken to its picture
     stages_ms        the same of each part of the delay:
         packet       until the newest picture of its packet was taken
@@ -29,10 +34,12 @@ if each end had a host of its own.  Prints a line of JSON:
 import argparse
 import asyncio
 import json
+import os
 import subprocess
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -42,6 +49,7 @@ import numpy as np
 from benchmarks.call_delay.clip import SECONDS, is_open, write_clip, write_empty_clip
 from benchmarks.command import PROGRAM, run
 from loopback.browser import Browser, find_browser
+from loopback.played_letter import SOFTWARE_GL
 from loopback.process_pair import free_port
 from shared_model.arrays import Array, Integers
 from shared_model.errors import UserError
@@ -54,6 +62,8 @@ MIN_MATCH = 0.5
 # Times of arrival that differ by less are of one packet.
 SAME_MS = 5.0
 MINUTE_S = 60.0
+# Names the processes that receive.
+RECEIVING_PART = "risorius.live_call.drawing_part"
 # Notes what the page shows and plays when: [ms since 1970, brightness of the mouth, frame, when it
 # was drawn, how long its packet was there then, when it came] and [ms since 1970, loudness].
 NOTES = """
@@ -100,6 +110,8 @@ def main(argv: Sequence[str]) -> None:
     parser.add_argument("--clips", nargs=2, type=Path, metavar=("SEEN", "OTHER"))
     parser.add_argument("--one-way", action="store_true", help="the end with the page sees nobody")
     parser.add_argument("--low-delay", action="store_true", help="packets of four pictures")
+    parser.add_argument("--both-pages", action="store_true", help="open the page of either end")
+    parser.add_argument("--draws", action="store_true", help="pages draw, in software")
     options = parser.parse_args(argv)
     program = find_browser()
     if program is None:
@@ -110,13 +122,35 @@ def main(argv: Sequence[str]) -> None:
         if options.one_way:
             cameras = [cameras[0], write_empty_clip(folder)]
         seconds = options.seconds if options.minutes is None else MINUTE_S * options.minutes
-        notes = measure(folder, program, cameras, more, seconds)
-        print(json.dumps(figures(*notes, knows_mouth=not options.clips)))
+        pages = Pages(program, options.both_pages, options.draws)
+        seen, heard, begun_ms, cpu = measure(folder, pages, cameras, more, seconds)
+        found = figures(seen, heard, begun_ms, knows_mouth=not options.clips)
+        print(json.dumps({**found, "receiving_cpu": round(cpu, 2)}))
+
+
+@dataclass(frozen=True, slots=True)
+class Pages:
+    """How the pages of a call are looked at.
+
+    program: path of Chromium.  both: of either end, else of one.  draw: they draw faces.
+    """
+
+    program: str
+    both: bool
+    draw: bool
+
+    def open(self, folder: Path, address: str) -> Browser:
+        """A browser that looks at the page at `address`.  folder: for its profile."""
+        flags = ["--autoplay-policy=no-user-gesture-required"]
+        flags += SOFTWARE_GL
+        browser = Browser(self.program, folder, 900, 760, *flags)
+        browser.call("Page.navigate", url=f"{address}?draws" if self.draw else address)
+        return browser
 
 
 def measure(
-    folder: Path, program: str, cameras: Sequence[Path], more: Sequence[str], seconds: float
-) -> tuple[Array, Array, float]:
+    folder: Path, pages: Pages, cameras: Sequence[Path], more: Sequence[str], seconds: float
+) -> tuple[Array, Array, float, float]:
     """What the page notes in a call of so many seconds, see `figures`.
 
     cameras: of the end that is seen, and of the one whose page is looked at.  more: options.
@@ -125,17 +159,30 @@ def measure(
         where = f"127.0.0.1:{free_port()}"
         sender = _end(stack, ["--listen", where, "--camera", str(cameras[0]), *more])
         page = _end(stack, [where, "--camera", str(cameras[1]), *more])
-        flags = "--autoplay-policy=no-user-gesture-required"
-        browser = stack.enter_context(Browser(program, folder / "browser", 900, 760, flags))
-        browser.call("Page.navigate", url=page)
+        browser = stack.enter_context(pages.open(folder / "browser", page))
+        if pages.both:
+            stack.enter_context(pages.open(folder / "other", sender))
         browser.wait("typeof players != 'undefined' && players[OTHER].shown > 0", START_S)
         time.sleep(SETTLE_S)
         browser.value(NOTES)
+        before_s = receiving_cpu_s()
         time.sleep(seconds)
+        cpu = (receiving_cpu_s() - before_s) / seconds
         begun_ms, fps = asyncio.run(_begun(sender))
         seen, heard = np.array(browser.value("seen")), np.array(browser.value("heard"))
         seen[:, 2] = begun_ms + 1000 / fps * seen[:, 2]
-        return seen, heard, begun_ms
+        return seen, heard, begun_ms, cpu
+
+
+def receiving_cpu_s() -> float:
+    """CPU seconds so far of the processes that receive, and perhaps draw, on this host."""
+    ticks = 0
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if RECEIVING_PART.encode() in (process / "cmdline").read_bytes():
+                fields = (process / "stat").read_text().rsplit(")", 1)[1].split()
+                ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def figures(

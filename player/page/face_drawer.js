@@ -92,9 +92,13 @@ class FaceDrawer {
   }
 }
 
-/** Whether this browser can draw faces. */
-function canDraw() {
-  return document.createElement("canvas").getContext("webgl2") !== null;
+/**
+ * Whether this browser can draw faces with a graphics card; in software the host does it for less.
+ * @param {boolean} isForced whether software will do
+ */
+function canDraw(isForced) {
+  const options = { failIfMajorPerformanceCaveat: !isForced };
+  return document.createElement("canvas").getContext("webgl2", options) !== null;
 }
 
 if (typeof document === "undefined") runDecodeWorker();

@@ -211,13 +211,14 @@ function startTape() {
   el("tape").hidden = false;
 }
 /** What the script `face_drawer.js` gives.
- * @type {{canDraw: () => boolean, make: (data: ArrayBuffer) => FaceDrawer,
+ * @type {{canDraw: (isForced: boolean) => boolean, make: (data: ArrayBuffer) => FaceDrawer,
  *   parse: (data: ArrayBuffer, start: number) => object}} */
 // @ts-expect-error: that script is built
 const faces = window.faces;
 // Faces come: this page draws them, where it can.
 async function drawFaces() {
-  if (isWindow || !faces?.canDraw()) return;
+  const isForced = new URLSearchParams(location.search).has("draws");
+  if (isWindow || !faces?.canDraw(isForced)) return;
   const answer = await fetch("player.bin");
   if (!answer.ok) return;
   const data = await answer.arrayBuffer();

@@ -42,7 +42,7 @@ const now = () => performance.now() / 1000;
 class Player {
   /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
-    this.canvas = canvas;
+    this.canvas = this.flat = canvas;
     this.context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
     /** @type {Picture[]} */
     this.queue = [];
@@ -134,6 +134,42 @@ class Player {
     this.queue.push(picture);
     if (this.queue.length > MAX_QUEUED) this.drop(this.queue.length - MAX_QUEUED);
   }
+  /** Show a canvas in the place of the one before.
+   * @param {HTMLCanvasElement} canvas */
+  use(canvas) {
+    if (this.canvas === canvas) return;
+    for (const name of ["id", "role", "aria-label"]) {
+      canvas.setAttribute(name, this.canvas.getAttribute(name) ?? "");
+    }
+    canvas.hidden = this.canvas.hidden;
+    this.canvas.removeAttribute("id");
+    this.canvas.replaceWith(canvas);
+    this.canvas = canvas;
+  }
+  /** Draw a face here; whether its model is there.
+   * @param {Picture} picture */
+  drawFace(picture) {
+    const drawn = picture.face ? this.drawer?.draw(picture.face) : null;
+    if (!drawn) return false;
+    this.use(drawn);
+    // What is lost is shown in grey; a picture that the program has drawn is so already.
+    drawn.style.filter = picture.frozen === 2 ? "grayscale(1)" : "";
+    return true;
+  }
+  /** Show a picture that the program has drawn.
+   * @param {Picture} picture */
+  drawBitmap({ bitmap }) {
+    if (!bitmap) return false;
+    this.use(this.flat);
+    const { width, height } = bitmap;
+    if (this.canvas.width !== width || this.canvas.height !== height) {
+      this.canvas.width = width;
+      this.canvas.height = height;
+    }
+    this.context.drawImage(bitmap, 0, 0);
+    bitmap.close();
+    return true;
+  }
   tick() {
     const at = now();
     let due = 0;
@@ -144,18 +180,8 @@ class Player {
       due++;
     if (!due) return;
     this.drop(due - 1);
-    const picture = this.queue.shift(),
-      drawn = picture?.face ? this.drawer?.draw(picture.face) : picture?.bitmap;
-    if (!picture || !drawn) return;
-    const { width, height } = drawn;
-    if (this.canvas.width !== width || this.canvas.height !== height) {
-      this.canvas.width = width;
-      this.canvas.height = height;
-    }
-    // What is lost is shown in grey; a picture that the program has drawn is so already.
-    this.context.filter = picture.face && picture.frozen === 2 ? "grayscale(1)" : "none";
-    this.context.drawImage(drawn, 0, 0);
-    picture.bitmap?.close();
+    const picture = this.queue.shift();
+    if (!picture || !(picture.face ? this.drawFace(picture) : this.drawBitmap(picture))) return;
     this.shown++;
     this.index = picture.index;
     this.frozen = picture.frozen;

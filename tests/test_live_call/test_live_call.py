@@ -28,6 +28,7 @@ from call_watcher import Watcher
 from decoder.pipeline import DecodeOptions, decode
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
+from loopback.played_letter import SOFTWARE_GL
 from loopback.process_pair import free_port
 from protocol.errors import ProtocolError
 from protocol.link.interface import LinkOptions, Reachability
@@ -87,6 +88,7 @@ def browser(tmp_path: Path, material: Material, chromium: str) -> Iterator[Brows
         f"--use-file-for-fake-video-capture={material.camera}",
         f"--use-file-for-fake-audio-capture={material.microphone}",
         "--autoplay-policy=no-user-gesture-required",
+        *SOFTWARE_GL,
     )
     with Browser(chromium, tmp_path / "browser", 900, 760, *flags) as opened:
         yield opened
@@ -104,6 +106,8 @@ def page_of(process: "subprocess.Popen[str]") -> str:
 def see_and_hear(browser: Browser, watcher: Watcher, second: "subprocess.Popen[str]") -> None:
     """Each end sees the other and oneself, and hears the other on the clock of the picture."""
     browser.wait("players[OTHER].shown > 10 && players[SELF].shown > 5")
+    # This page draws by itself; the watcher is sent pictures.
+    assert browser.value("[OTHER, SELF].every(who => players[who].drawer.scene !== null)")
     assert browser.value("el('name').textContent") == "anna"
     assert "bit/s" in browser.value("el('costs').textContent")
     wait_until(lambda: len(watcher.pictures) > 10, second)
