@@ -20,6 +20,7 @@ COPY encoder ./encoder
 COPY decoder ./decoder
 COPY aam ./aam
 COPY loopback ./loopback
+COPY player ./player
 COPY risorius ./risorius
 RUN pip install --no-cache-dir --no-deps --no-build-isolation .
 

@@ -41,7 +41,7 @@ window.onerror = (message, source, line, column, error) => errors.push(String(er
 window.onunhandledrejection = (event) => errors.push(String(event.reason));
 const look = () => {
   if (window.letter) {
-    if (shown_ms === null && letter.drawn >= 0) shown_ms = performance.now();
+    if (shown_ms === null && letter.player.shown) shown_ms = performance.now();
     if (decoded_ms === null && letter.player.isDecoded) decoded_ms = performance.now();
   }
   if (shown_ms === null || decoded_ms === null) requestAnimationFrame(look);

@@ -142,7 +142,7 @@ class Pages:
     def open(self, folder: Path, address: str) -> Browser:
         """A browser that looks at the page at `address`.  folder: for its profile."""
         flags = ["--autoplay-policy=no-user-gesture-required"]
-        flags += SOFTWARE_GL
+        flags += SOFTWARE_GL if self.draw else ()
         browser = Browser(self.program, folder, 900, 760, *flags)
         browser.call("Page.navigate", url=f"{address}?draws" if self.draw else address)
         return browser

@@ -5,9 +5,11 @@
  * @typedef {{height: number, width: number, channels: number, values: Float32Array}} Raster
  */
 
-/** From this standard deviation on a blur works on a raster of a quarter of the size. */
-const COARSE_SIGMA = 8;
-const REDUCTION = 4;
+/** From these standard deviations on a blur works on a raster that is so much smaller. */
+const REDUCTIONS = [
+  { from: 8, by: 4 },
+  { from: 2, by: 2 },
+];
 
 /**
  * @param {number} height
@@ -26,26 +28,29 @@ export function emptyRaster(height, width, channels) {
  * @returns {Raster}
  */
 export function blurred(raster, sigma) {
-  if (sigma >= COARSE_SIGMA && Math.min(raster.width, raster.height) >= 16 * REDUCTION) {
-    const small = reduced(raster);
-    // Reducing and enlarging blur by about these variances themselves.
-    const own = (REDUCTION ** 2 - 1) / 12 + REDUCTION ** 2 / 6;
-    const rest = Math.sqrt(sigma ** 2 - own) / REDUCTION;
-    return resized(convolved(small, rest), raster.height, raster.width);
-  }
-  return convolved(raster, sigma);
+  const isLarge = Math.min(raster.width, raster.height) >= 64;
+  const { by } = REDUCTIONS.find(({ from }) => isLarge && sigma >= from) ?? { by: 1 };
+  if (by === 1) return convolved(raster, sigma);
+  // Reducing and enlarging blur by about these variances themselves.
+  const own = (by ** 2 - 1) / 12 + by ** 2 / 6;
+  const rest = Math.sqrt(sigma ** 2 - own) / by;
+  return resized(convolved(reduced(raster, by), rest), raster.height, raster.width);
 }
 
-/** @param {Raster} raster */
-function reduced({ height, width, channels, values }) {
-  const result = emptyRaster(Math.ceil(height / REDUCTION), Math.ceil(width / REDUCTION), channels);
+/**
+ * The means of squares of pixels.
+ * @param {Raster} raster
+ * @param {number} by side of the squares
+ */
+function reduced({ height, width, channels, values }, by) {
+  const result = emptyRaster(Math.ceil(height / by), Math.ceil(width / by), channels);
   for (let i = 0; i < result.height; i++) {
     for (let j = 0; j < result.width; j++) {
-      const rows = Math.min(REDUCTION, height - i * REDUCTION);
-      const columns = Math.min(REDUCTION, width - j * REDUCTION);
+      const rows = Math.min(by, height - i * by);
+      const columns = Math.min(by, width - j * by);
       const at = (i * result.width + j) * channels;
       for (let k = 0; k < rows; k++) {
-        const from = ((i * REDUCTION + k) * width + j * REDUCTION) * channels;
+        const from = ((i * by + k) * width + j * by) * channels;
         for (let l = 0; l < columns * channels; l++)
           result.values[at + (l % channels)] += values[from + l];
       }

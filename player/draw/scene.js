@@ -44,7 +44,7 @@ export class Scene {
     this.layers = { ...pictures.background, changes: pictures.background.changes.length };
     this.pictures = pictures;
     this.camera = model.call;
-    this.person = new Person(head, heads.residualBasisOf(model.call), model);
+    this.person = new Person(head, heads.residualShapeOf(model), model);
     const reference = referenceFace(model);
     const vertices = this.person.animate(reference.eau);
     this.mesh = new BackgroundMesh(this.camera, reference.pose, head, vertices);

@@ -114,13 +114,12 @@ export function headWithSurround(data, generic) {
 }
 
 /**
- * The rows of the residual basis of the head of the default profile.
+ * Values (n, 3) of all vertices of the head of the default profile from those of the generic head.
  * @param {Arrays} data
- * @param {Float64Array[]} rows of that of the generic head
+ * @param {Float64Array} values
  */
-export function carriedBasis(data, rows) {
-  const carried = new Carried(data, rows[0].length);
-  return rows.map((row) => carried.rows(row, 1));
+export function carriedValues(data, values) {
+  return new Carried(data, values.length / 3).rows(values, 3);
 }
 
 /** The vertices that are added to the generic head move with some of its own. */

@@ -1,8 +1,11 @@
-import { carriedBasis, genericHead, headWithSurround } from "./head.js";
-import { residualBasis } from "./shape_residual.js";
+import { check } from "../format/errors.js";
+import { array, carriedValues, genericHead, headWithSurround } from "./head.js";
+import { RESIDUAL_STEP_MM } from "./parameters.js";
+import { residualShape } from "./shape_residual.js";
 
 /** @typedef {import("../data_file.js").Arrays} Arrays */
 /** @typedef {import("./head.js").Head} Head */
+/** @typedef {import("../format/model_packet.js").ModelPacket} ModelPacket */
 
 /** The heads of both profiles. */
 export class Heads {
@@ -13,8 +16,6 @@ export class Heads {
     this.generic = genericHead(data);
     /** @type {Head} of the default profile */
     this.withSurround = headWithSurround(data, this.generic);
-    /** @type {Float64Array[] | null} */
-    this.basis = null;
   }
 
   /**
@@ -26,11 +27,15 @@ export class Heads {
   }
 
   /**
-   * How the residual shape moves the vertices of the head of a call, see `shape_residual.js`.
-   * @param {{isThesis: boolean}} call
+   * The residual shape of a model: the displacement (n, 3), mm, of the vertices of its head.
+   * @param {ModelPacket} model
    */
-  residualBasisOf({ isThesis }) {
-    this.basis ??= residualBasis(this.data, this.generic);
-    return isThesis ? this.basis : carriedBasis(this.data, this.basis);
+  residualShapeOf({ call, residual }) {
+    const points = array(this.data, "control_points").length;
+    const isRight = [0, points].includes(residual.length / 3);
+    check(isRight, `model packet's residual has ${residual.length / 3} points, not ${points}`);
+    const controlMm = Float64Array.from(residual, (code) => code * RESIDUAL_STEP_MM);
+    const shape = residualShape(this.data, this.generic, controlMm);
+    return call.isThesis ? shape : carriedValues(this.data, shape);
   }
 }

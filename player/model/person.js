@@ -1,5 +1,4 @@
-import { check } from "../format/errors.js";
-import { AAU_STEP, EAUS, RESIDUAL_STEP_MM } from "./parameters.js";
+import { AAU_STEP, EAUS } from "./parameters.js";
 
 /** @typedef {import("../format/model_packet.js").ModelPacket} ModelPacket */
 /** @typedef {import("./head.js").Head} Head */
@@ -8,24 +7,14 @@ import { AAU_STEP, EAUS, RESIDUAL_STEP_MM } from "./parameters.js";
 export class Person {
   /**
    * @param {Head} head
-   * @param {Float64Array[]} residualBasis of the head, see `shape_residual.js`
+   * @param {Float64Array} residual (n, 3) mm, what the shape has beside the AAUs
    * @param {ModelPacket} model
    */
-  constructor(head, residualBasis, model) {
+  constructor(head, residual, model) {
     this.head = head;
-    const points = residualBasis.length;
-    const isRight = [0, points].includes(model.residual.length / 3);
-    check(
-      isRight,
-      `model packet's residual has ${model.residual.length / 3} points, not ${points}`,
-    );
-    this.neutral = head.vertices.slice();
-    for (const [i, code] of model.aau.entries())
+    this.neutral = head.vertices.map((value, i) => value + residual[i]);
+    for (const [i, code] of model.aau.entries()) {
       addScaled(this.neutral, head.aau[i], code * AAU_STEP);
-    for (const [at, code] of model.residual.entries()) {
-      const row = residualBasis[Math.floor(at / 3)];
-      const mm = code * RESIDUAL_STEP_MM;
-      if (mm) for (let v = 0; v < head.count; v++) this.neutral[3 * v + (at % 3)] += mm * row[v];
     }
   }
 

@@ -9,12 +9,13 @@ const MULTIQUADRIC_MM = 10;
 const LIP_GAP_MM = 45;
 
 /**
- * The share of each control point in the displacement of each vertex of the generic head: k rows
- * (n); see `shared_model/shape_residual.py`.
+ * The displacement (n, 3), mm, of the vertices of the generic head for those of its control points;
+ * see `shared_model/shape_residual.py`.
  * @param {Arrays} data
  * @param {Head} head
+ * @param {Float64Array} controlMm (k, 3)
  */
-export function residualBasis(data, head) {
+export function residualShape(data, head, controlMm) {
   const positions = lipSeparated(head, array(data, "landmarks")[0]);
   const control = array(data, "control_points");
   const centres = [...control, ...array(data, "fixed_points")];
@@ -25,17 +26,19 @@ export function residualBasis(data, head) {
       return multiquadric(positions, centres[i], centres[j]);
     }),
   );
-  const weights = solved(system, control.length);
-  const { count } = head;
-  const basis = Array.from(control, () => new Float64Array(count));
-  for (let v = 0; v < count; v++) {
+  const right = system.map((_, i) =>
+    Float64Array.from({ length: 3 }, (_, axis) => controlMm[3 * i + axis] ?? 0),
+  );
+  const weights = solved(system, right);
+  const shape = new Float64Array(3 * head.count);
+  for (let v = 0; v < head.count; v++) {
     for (let c = 0; c < size; c++) {
       const kernel = c === size - 1 ? 1 : multiquadric(positions, v, centres[c]);
-      for (let k = 0; k < control.length; k++) basis[k][v] += kernel * weights[c][k];
+      for (let axis = 0; axis < 3; axis++) shape[3 * v + axis] += kernel * weights[c][axis];
     }
   }
-  moveRigidly(data, head, basis);
-  return basis;
+  moveRigidly(data, head, shape);
+  return shape;
 }
 
 /**
@@ -67,15 +70,12 @@ function multiquadric(positions, a, b) {
 }
 
 /**
- * The first columns of the inverse of a matrix (n, n), which is overwritten.
+ * The solution of a linear system; matrix (n, n) and right side (n, columns) are overwritten.
  * @param {Float64Array[]} matrix
- * @param {number} columns
+ * @param {Float64Array[]} right
  */
-function solved(matrix, columns) {
+function solved(matrix, right) {
   const n = matrix.length;
-  const right = matrix.map((_, i) =>
-    Float64Array.from({ length: columns }, (_, j) => (i === j ? 1 : 0)),
-  );
   for (let c = 0; c < n; c++) {
     let pivot = c;
     for (let i = c + 1; i < n; i++) {
@@ -87,7 +87,7 @@ function solved(matrix, columns) {
       const factor = i === c ? 0 : matrix[i][c] / matrix[c][c];
       if (!factor) continue;
       for (let j = c; j < n; j++) matrix[i][j] -= factor * matrix[c][j];
-      for (let j = 0; j < columns; j++) right[i][j] -= factor * right[c][j];
+      for (let j = 0; j < right[i].length; j++) right[i][j] -= factor * right[c][j];
     }
   }
   return right.map((row, i) => row.map((value) => value / matrix[i][i]));
@@ -97,15 +97,15 @@ function solved(matrix, columns) {
  * Let eyeballs, teeth and tongue move with the mean of the skin around them.
  * @param {Arrays} data
  * @param {Head} head
- * @param {Float64Array[]} basis written
+ * @param {Float64Array} shape (n, 3), written
  */
-function moveRigidly(data, head, basis) {
+function moveRigidly(data, head, shape) {
   const supports = array(data, "rigid_supports");
   for (const [i, part] of array(data, "rigid_parts").entries()) {
     const own = [...supports.subarray(4 * i, 4 * i + 4)].filter((v) => v >= 0);
-    for (const row of basis) {
-      const mean = own.reduce((sum, v) => sum + row[v], 0) / own.length;
-      for (let v = 0; v < head.count; v++) if (head.parts[v] === part) row[v] = mean;
-    }
+    const mean = [0, 1, 2].map(
+      (axis) => own.reduce((sum, v) => sum + shape[3 * v + axis], 0) / own.length,
+    );
+    for (let v = 0; v < head.count; v++) if (head.parts[v] === part) shape.set(mean, 3 * v);
   }
 }

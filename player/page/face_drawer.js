@@ -13,6 +13,9 @@ import { parseFace, parseModelMessage } from "./face_message.js";
 /** Models that are kept: in use and to come, with more and fewer layers. */
 const KEPT_MODELS = 8;
 
+/** Names of renderers without a graphics card. */
+const SOFTWARE = /swiftshader|llvmpipe|software|basic render/i;
+
 /** Draws the faces of one person on a canvas of its own. */
 class FaceDrawer {
   /**
@@ -98,7 +101,12 @@ class FaceDrawer {
  */
 function canDraw(isForced) {
   const options = { failIfMajorPerformanceCaveat: !isForced };
-  return document.createElement("canvas").getContext("webgl2", options) !== null;
+  const gl = /** @type {WebGL2RenderingContext | null} */ (
+    document.createElement("canvas").getContext("webgl2", options)
+  );
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const renderer = info ? gl?.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+  return gl !== null && (isForced || !SOFTWARE.test(renderer));
 }
 
 if (typeof document === "undefined") runDecodeWorker();

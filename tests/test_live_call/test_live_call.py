@@ -126,7 +126,7 @@ def watch_in_another_tab(browser: Browser, watcher: Watcher, second: Any, page: 
         browser.wait("devices.stream && voice.heard && voice.heard.loud > 0.01")
         seen = len(watcher.pictures)
         wait_until(lambda: len(watcher.pictures) > seen + 10, second)
-    browser.call("Page.navigate", url=page)
+    browser.call("Page.navigate", url=f"{page}?draws")
     browser.wait("typeof players != 'undefined' && first.is && !!devices.stream")
 
 
@@ -229,7 +229,7 @@ def test_two_people_see_and_hear_each_other_until_one_leaves_and_the_other_hangs
     place = ("--listen", invitation.address, "--invite-file", line)
     first = start("call", *place, *folder, "--face", material.face)
     page = page_of(first)
-    browser.call("Page.navigate", url=page)
+    browser.call("Page.navigate", url=f"{page}?draws")
     browser.wait("typeof players != 'undefined'")
     browser.wait("el('state').textContent == 'waiting for a call'")
     assert browser.value("el('invitation').querySelector('code').textContent") == str(invitation)
