@@ -6,6 +6,7 @@ INSTALLED := $(VENV)/.installed
 COMPILED := $(VENV)/.compiled
 BROWSER := $(VENV)/.browser
 JUDGE := .judge/.installed
+WATCH := player/built/watch.js
 # Zenoh's threads, which coverage does not see.
 NOT_COVERED := protocol/link/zenoh_direction.py,protocol/link/zenoh_link.py,protocol/link/zenoh_session.py,protocol/relay/zenoh_relay.py
 # In the order of the folders: the longest files are among the first, and no process is left alone
@@ -61,12 +62,15 @@ check: $(COMPILED) lint
 	$(PYTEST) tests/test_shared_model tests/test_protocol tests/test_house
 
 # What the player's sources are built into: it is in the repository, so that nobody needs node who
-# does not change them.
+# does not change them; but for what watches from anywhere, which has libraries in it.
 player: node_modules/.installed
 	sh scripts/build_player.sh player/built
 
+$(WATCH): node_modules/.installed $(wildcard player/*.js player/*/*.js player/*/*/*.js)
+	sh scripts/build_player.sh player/built
+
 # Wheel and source archive in dist/.
-dist: $(INSTALLED)
+dist: $(INSTALLED) $(WATCH)
 	rm -rf dist
 	$(BIN)/python -m build --no-isolation --outdir dist .
 
@@ -93,7 +97,7 @@ test: $(INSTALLED)
 test-player: node_modules/.installed
 	node --test --test-reporter dot tests/test_player/
 
-test-packages: $(COMPILED) $(BROWSER)
+test-packages: $(COMPILED) $(BROWSER) $(WATCH)
 	$(PYTEST) --ignore=tests/test_protocol
 
 # Coverage is measured where it has to be whole: it takes half as long again.
@@ -103,7 +107,7 @@ test-protocol: $(COMPILED)
 	    --omit='$(NOT_COVERED)' --fail-under=100
 
 # All tests, and what they cover of all packages.
-coverage: $(COMPILED) $(BROWSER)
+coverage: $(COMPILED) $(BROWSER) $(WATCH)
 	$(PYTEST) --cov --cov-report=term
 
 format: $(INSTALLED)

@@ -30,7 +30,7 @@ const FIRST_WINDOW = 9;
 /** A packet may be at most so far ahead of the last frame. */
 const MAX_GAP_S = 600;
 
-/** Turns the packets of a call, in the order of a file, into the faces of its source frames. */
+/** Turns the packets of a call, in order, into the faces of its source frames. */
 export class Playout {
   constructor() {
     this.models = new ReceivedModels();
@@ -53,23 +53,28 @@ export class Playout {
   /**
    * The frames that can be shown after a packet.  Throws `FormatError` if it contradicts the call.
    * @param {Packet} packet
+   * @param {number | null} number of a frame packet, of the first one of a model, of the one after a
+   *     control packet; null: its 6 bits tell
    * @returns {PlayoutFrame[]}
    */
-  receive(packet) {
-    if (packet.kind === "model") this.#receiveModel(packet.model);
+  receive(packet, number = null) {
+    if (packet.kind === "model") this.#receiveModel(packet.model, number);
     if (packet.kind === "layer") {
       this.models.receiveLayer(packet.version, packet.number, packet.data);
     }
-    if (packet.kind === "control") return this.#receiveControl(packet);
-    if (packet.kind === "frame") return this.#receiveFrame(packet.sequence, packet.payload);
+    if (packet.kind === "control") return this.#receiveControl(packet, number);
+    if (packet.kind === "frame") return this.#receiveFrame(packet.sequence, packet.payload, number);
     return [];
   }
 
-  /** @param {import("../format/model_packet.js").ModelPacket} model */
-  #receiveModel(model) {
+  /**
+   * @param {import("../format/model_packet.js").ModelPacket} model
+   * @param {number | null} exact
+   */
+  #receiveModel(model, exact) {
     const isFirst = !this.models.current;
     const newest = isFirst ? model.sequence : this.newest;
-    const first = newest + modulo(model.sequence - newest);
+    const first = exact ?? newest + modulo(model.sequence - newest);
     if (isFirst) {
       this.newest = first - 1;
       if (model.version) this.#joinLate();
@@ -85,10 +90,11 @@ export class Playout {
   /**
    * @param {number} sequence
    * @param {Uint8Array} payload
+   * @param {number | null} exact
    */
-  #receiveFrame(sequence, payload) {
+  #receiveFrame(sequence, payload, exact) {
     if (!this.models.current) return [];
-    const number = this.#number(sequence, this.models.current);
+    const number = this.#number(sequence, this.models.current, exact);
     const { newest } = this;
     if (number <= newest) {
       this.#repair(number, payload);
@@ -136,14 +142,16 @@ export class Playout {
    * The number of a frame packet in the call.
    * @param {number} sequence
    * @param {ReceivedModel} current
+   * @param {number | null} exact
    */
-  #number(sequence, current) {
-    const ahead = modulo(sequence - this.newest);
+  #number(sequence, current, exact) {
+    if (exact !== null) this.isNumbered = true;
+    const ahead = exact === null ? modulo(sequence - this.newest) : exact - this.newest;
     const number = this.newest + ahead;
     if (!this.last && this.newest < current.first && ahead > FIRST_WINDOW) {
       this.#joinLate();
       this.newest = number - 1;
-    } else if (ahead >= SEQUENCE_MODULUS - LATE_WINDOW) {
+    } else if (exact === null && ahead >= SEQUENCE_MODULUS - LATE_WINDOW) {
       return number - SEQUENCE_MODULUS;
     }
     return number;
@@ -203,13 +211,16 @@ export class Playout {
     return this.#frame(received, index, resting, { isFrozen: true, presence: shown });
   }
 
-  /** @param {Extract<Packet, {kind: "control"}>} packet */
-  #receiveControl({ event, frame, ticks }) {
+  /**
+   * @param {Extract<Packet, {kind: "control"}>} packet
+   * @param {number | null} exact
+   */
+  #receiveControl({ event, frame, ticks }, exact) {
     if (event === EVENTS.TIMES) this.clock.receive(frame, ticks ?? []);
     const { current } = this.models;
     if (!current || [EVENTS.TIMES, EVENTS.CAMERA_OFF, EVENTS.CAMERA_ON].includes(event)) return [];
     if (event === EVENTS.JOINED) {
-      if (!this.last) this.#joinAt(current, frame);
+      if (exact === null && !this.last) this.#joinAt(current, frame);
       return [];
     }
     const begin = event === EVENTS.END ? this.begin : 0;
@@ -220,7 +231,8 @@ export class Playout {
     if (event === EVENTS.FACE_FOUND) {
       this.lostAt = null;
       this.goneAt = null;
-      if (this.isNumbered || !this.joinedLate) {
+      if (exact !== null) this.newest = Math.max(this.newest, exact - 1);
+      else if (this.isNumbered || !this.joinedLate) {
         const following = current.first + current.decoder.packetAt(frame);
         this.newest = Math.max(this.newest, following - 1);
       }

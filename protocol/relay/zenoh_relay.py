@@ -1,11 +1,13 @@
 """A relay: Zenoh's router, bounded in what peers can make it hold."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Self
 
 import zenoh
+from zenoh import CongestionControl
 
 from protocol.endpoint import Endpoint, parse_endpoint, parse_remote_endpoint
 from protocol.errors import ProtocolError
@@ -72,6 +74,13 @@ class Relay:
             raise UserError(f"cannot listen on {where}: {reason(error)}", LINK_FAILED) from error
         answer_who_is_there(self._session, Role.RELAY, "")
 
+    def watch(self, call: str, receive: Callable[[bytes], None]) -> "WatchedCall":
+        """What an encoder of a call sends, as a decoder of it gets it.
+
+        receive: called with each payload, in a thread of Zenoh.
+        """
+        return WatchedCall(self._session, call, receive)
+
     def close(self) -> None:
         """Leave; closing twice has no further effect."""
         if not self._session.is_closed():
@@ -82,6 +91,31 @@ class Relay:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+class WatchedCall:
+    """A call at a relay whose payloads go on to somebody who is no peer of Zenoh."""
+
+    def __init__(self, session: zenoh.Session, call: str, receive: Callable[[bytes], None]) -> None:
+        self._sent_key, heard_key = call_keys(call, is_encoder=False)
+        self._session = session
+
+        def take(sample: zenoh.Sample) -> None:
+            receive(sample.payload.to_bytes())
+
+        self._subscriber = session.declare_subscriber(heard_key, take)
+
+    def send(self, payload: bytes) -> None:
+        """Send a payload to the encoder."""
+        with suppress(zenoh.ZError):
+            self._session.put(
+                self._sent_key, payload, congestion_control=CongestionControl.DROP, express=True
+            )
+
+    def close(self) -> None:
+        """Receive no more."""
+        with suppress(zenoh.ZError):
+            self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
 def relay_settings(options: RelayOptions) -> Mapping[str, Any]:

@@ -178,8 +178,9 @@ for (const name of SWITCHES)
 el("hang-up").onclick = () => command("hang-up");
 el("sound").onclick = () => voice.resume();
 
-/** @param {{text: string, svg: string}} invitation */
-function showInvitation({ text, svg }) {
+/** watch: what the QR code says, where it is not the text.
+ * @param {{text: string, svg: string, watch?: string}} invitation */
+function showInvitation({ text, svg, watch }) {
   const line = document.createElement("code"),
     copy = document.createElement("button");
   line.textContent = text;
@@ -191,6 +192,11 @@ function showInvitation({ text, svg }) {
   };
   el("invitation").innerHTML = svg;
   el("invitation").append(line, copy);
+  if (watch) {
+    const note = document.createElement("p");
+    note.append("A phone that scans this watches.");
+    el("invitation").append(note);
+  }
 }
 
 let wasCalling = false;

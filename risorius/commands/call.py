@@ -33,7 +33,8 @@ def add_call(added: "Commands") -> None:
         "the browser, which gives camera and microphone.  Encrypted from end to end.",
         "  risorius call --listen :7447\n"
         "  risorius call risorius://192.0.2.7:7447/anna#K7Q2-8MDX-0V4R-T9NB-ZZ1C-5GHW-P3JE\n"
-        "  risorius call --listen :7447 --camera me.mp4\n",
+        "  risorius call --listen :7447 --camera me.mp4\n"
+        "  risorius call --listen :7447 --share 8080    # a phone watches, without installing\n",
     )
     add_place(parser)
     _add_devices(parser)
@@ -101,6 +102,13 @@ def _add_page(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port", type=port, default=0, metavar="N", help="TCP port of the page; 0: any free one"
     )
+    parser.add_argument(
+        "--share",
+        type=port,
+        metavar="PORT",
+        help="with --listen: let browsers elsewhere watch you, at an address whose QR code the page"
+        " shows; a phone that scans it watches.  0: any free port",
+    )
 
 
 def run_call(arguments: argparse.Namespace) -> int:
@@ -123,6 +131,8 @@ def _options(arguments: argparse.Namespace) -> "CallOptions":
     if not arguments.folder.is_dir():
         raise UserError(f"there is no folder {arguments.folder}")
     check_port(arguments.port)
+    if arguments.share is not None and arguments.listen is None:
+        raise UserError("--share needs --listen: who connects is reached by nobody else")
     check_listening(filter(None, [arguments.listen]))
     microphone = _microphone(arguments)
     voice = _voice(arguments, microphone)
@@ -140,6 +150,7 @@ def _options(arguments: argparse.Namespace) -> "CallOptions":
         port=arguments.port,
         folder=arguments.folder,
         person=arguments.name,
+        share=arguments.share,
     )
 
 

@@ -2,13 +2,13 @@
 
 import argparse
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from protocol.endpoint import CERTIFIED_SCHEMES, parse_endpoint, parse_remote_endpoint
 from protocol.limits import RELAY_PEERS
-from risorius.command_line.argument_types import peers
+from risorius.command_line.argument_types import peers, port
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import say
 from risorius.command_line.signals import StopOnSignal
@@ -28,10 +28,13 @@ def add_relay(added: "Commands") -> None:
         "pass calls on between hosts that can only connect out",
         "A Zenoh router: encoder and decoder both --connect to it.  Runs until it is stopped.\n"
         "With --keys only peers with a certificate get in, and each may do what it was invited\n"
-        "to.  Relays that connect to each other (--connect) pass calls on between them.",
+        "to.  Relays that connect to each other (--connect) pass calls on between them.  With\n"
+        "--watch browsers watch the calls at http://HOST:PORT/CALL#KEY; the relay, which is never\n"
+        "told the key, cannot.",
         "  risorius relay --listen :7447\n"
         "  risorius relay --listen tls/:7447 --listen quic/:7448 --keys relay-keys\n"
-        "  risorius relay --listen :7447 --connect relay.example:7447\n",
+        "  risorius relay --listen :7447 --connect relay.example:7447\n"
+        "  risorius relay --listen :7447 --watch 8080\n",
     )
     parser.add_argument(
         "--listen",
@@ -56,6 +59,12 @@ def add_relay(added: "Commands") -> None:
         metavar="N",
         help="connections at a time (default: %(default)s)",
     )
+    parser.add_argument(
+        "--watch",
+        type=port,
+        metavar="PORT",
+        help="serve a page to browsers that watch calls, on this TCP port; 0: any free one",
+    )
     parser.set_defaults(run=run_relay)
 
 
@@ -65,10 +74,14 @@ def run_relay(arguments: argparse.Namespace) -> int:
     if arguments.keys:
         _check_endpoints(listen + connect)
     folder: Path | None = arguments.keys
+    watch: int | None = arguments.watch
+    if folder is not None and watch is not None:
+        raise UserError("--watch does not go with --keys: who watches has no certificate")
     with StopOnSignal(), suppress(KeyboardInterrupt):
-        _relay(listen, connect, folder, arguments.max_peers, "listening on " + " ".join(listen))
+        news = "listening on " + " ".join(listen)
         while True:
-            _relay(listen, connect, folder, arguments.max_peers, "the keys have changed")
+            _relay(listen, connect, folder, arguments.max_peers, watch, news)
+            news = "the keys have changed"
     return 0
 
 
@@ -77,6 +90,7 @@ def _relay(
     connect: tuple[str, ...],
     folder: Path | None,
     max_peers: int,
+    watch: int | None,
     news: str,
 ) -> None:
     """Relay until the keys change; say `news` as soon as it does.
@@ -90,8 +104,14 @@ def _relay(
 
     invited = None if folder is None else read_peers(folder)
     keys = None if folder is None else read_key_file(folder / RELAY_KEYS)
-    with Relay(RelayOptions(listen, connect, max_peers, keys, invited)):
+    with ExitStack() as stack:
+        relay = stack.enter_context(Relay(RelayOptions(listen, connect, max_peers, keys, invited)))
         say(f"relay: {news}")
+        if watch is not None:
+            from risorius.watch.watch_server import WatchServer
+
+            server = stack.enter_context(WatchServer(relay, watch))
+            say(f"relay: calls are watched at http://HOST:{server.port}/CALL#KEY")
         for text in connect:
             # The last choice is the one that a relay takes to another.
             why = why_not_reached(parse_remote_endpoint(text).choices[-1])

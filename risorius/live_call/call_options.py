@@ -17,6 +17,8 @@ class CallOptions:
     port: TCP port of the page; 0: any free one.
     folder: where recordings go.
     person: name of who is here, as the other end shows it; empty: none.
+    share: TCP port of the page by which browsers elsewhere watch this end, which listens; None:
+        there is none.
     """
 
     place: CallPlace
@@ -31,3 +33,4 @@ class CallOptions:
     port: int
     folder: Path
     person: str = ""
+    share: int | None = None

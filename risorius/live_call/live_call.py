@@ -12,6 +12,7 @@ from typing import Any
 
 from encoder.live_model import LEARNING_PROCESS
 from encoder.sound.speech_encoder import speech_rate_hz
+from protocol.endpoint import parse_endpoint
 from protocol.link.direction import Direction, DirectionMessage
 from protocol.link.zenoh_direction import ZenohDirection
 from protocol.relay.zenoh_relay import Relay, RelayOptions
@@ -23,7 +24,7 @@ from risorius.call_page.page_server import PageServer
 from risorius.live_call.call_options import CallOptions
 from risorius.live_call.call_place import own_address
 from risorius.live_call.call_status import CallStatus
-from risorius.live_call.invitation_card import card
+from risorius.live_call.invitation_card import card, watch_address
 from risorius.live_call.messages import (
     BROWSER,
     CameraPicture,
@@ -69,19 +70,37 @@ def run_call(
     Raises `UserError` if it cannot be held.
     """
     with ExitStack() as stack:
-        where = options.place.connect
+        where, watch = options.place.connect, None
         if options.place.listen is not None:
-            stack.enter_context(Relay(RelayOptions((options.place.listen,), max_peers=MAX_PEERS)))
+            relay = Relay(RelayOptions((options.place.listen,), max_peers=MAX_PEERS))
+            stack.enter_context(relay)
             where = own_address(options.place.listen)
+            if options.share is not None:
+                watch = _share(options, relay, options.share, stack)
+                tell("no host can reach this one" if watch is None else f"watched at {watch}")
         assert where is not None
-        asyncio.run(_LiveCall(options, where, tell).run(announce))
+        asyncio.run(_LiveCall(options, where, watch, tell).run(announce))
+
+
+def _share(options: CallOptions, relay: Relay, port: int, stack: ExitStack) -> str | None:
+    """Let browsers elsewhere watch this end; the address of that page."""
+    from risorius.watch.watch_server import WatchServer
+
+    place = options.place
+    assert place.listen is not None
+    server = stack.enter_context(WatchServer(relay, port))
+    # Who listens sends in this direction.
+    call = place.name + SUFFIXES[Direction.A]
+    return watch_address(parse_endpoint(place.listen), server.port, call, place.security.key)
 
 
 class _LiveCall:
     """The parts of a call and its page; used in one event loop."""
 
-    def __init__(self, options: CallOptions, where: str, tell: Callable[[str], None]) -> None:
-        self._options, self._where = options, where
+    def __init__(
+        self, options: CallOptions, where: str, watch: str | None, tell: Callable[[str], None]
+    ) -> None:
+        self._options, self._where, self._watch = options, where, watch
         self._page = PageServer(
             self._command, self._take_picture, self._take_sound, on_need=self._draw
         )
@@ -225,7 +244,7 @@ class _LiveCall:
     def _invite(self) -> None:
         """Tell pages what to hand over."""
         if self._options.place.invitation is not None:
-            self._page.tell("invitation", **card(self._options.place.invitation))
+            self._page.tell("invitation", **card(self._options.place.invitation, self._watch))
 
     # What the parts say.
 

@@ -1,0 +1,162 @@
+import { FormatError } from "../format/errors.js";
+import { runDecodeWorker } from "../letter/decode_worker.js";
+import { DeliveryReceiver } from "../link/delivery_receiver.js";
+import { parseKey } from "../link/invitation.js";
+import { SESSION_BYTES } from "../link/messages.js";
+import { PlainProtection, SFrameProtection } from "../link/protection.js";
+import { FaceCanvas } from "../page/face_canvas.js";
+import { LivePlayout } from "../playout/live_playout.js";
+import { Presenter } from "../playout/presenter.js";
+
+/** @typedef {import("../playout/playout.js").PlayoutFrame} PlayoutFrame */
+/** @typedef {import("../playout/received_models.js").ReceivedModel} ReceivedModel */
+
+const TICK_MS = 30;
+/** Nothing for so long: the link is lost, or the other end is. */
+const SILENT_S = 3;
+const RETRY_MS = 1000;
+const now = () => performance.now() / 1000;
+
+/** Receives a call over a WebSocket and shows it. */
+class Watch {
+  /**
+   * @param {string} call its name
+   * @param {Uint8Array | null} key of the invitation
+   * @param {FaceCanvas} faces
+   */
+  constructor(call, key, faces) {
+    this.call = call;
+    this.key = key;
+    this.faces = faces;
+    /** @type {Presenter<PlayoutFrame>} */
+    this.presenter = new Presenter();
+    this.playout = new LivePlayout();
+    this.delivery = this.#newDelivery();
+    /** @type {WebSocket | null} */
+    this.socket = null;
+    this.shown = 0;
+    /** @type {Map<ReceivedModel, number>} */
+    this.numbers = new Map();
+    this.cameS = -Infinity;
+    this.bytes = 0;
+    this.#connect();
+    setInterval(() => this.#tick(), TICK_MS);
+    addEventListener("pagehide", () => this.#send([this.delivery.bye()]));
+  }
+
+  #newDelivery() {
+    const session = crypto.getRandomValues(new Uint8Array(SESSION_BYTES));
+    const guard = this.key
+      ? new SFrameProtection(this.key, this.call, session)
+      : new PlainProtection(session);
+    return new DeliveryReceiver(guard);
+  }
+
+  #connect() {
+    const address = new URL(`/${this.call}/ws`, location.href);
+    address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+    address.hash = "";
+    const socket = new WebSocket(address);
+    socket.binaryType = "arraybuffer";
+    socket.onmessage = ({ data }) => this.#receive(new Uint8Array(data));
+    socket.onclose = () => setTimeout(() => this.#connect(), RETRY_MS);
+    this.socket = socket;
+  }
+
+  /** @param {Uint8Array[]} payloads */
+  #send(payloads) {
+    if (this.socket?.readyState !== WebSocket.OPEN) return;
+    for (const payload of payloads) this.socket.send(payload.slice());
+  }
+
+  /** @param {Uint8Array} payload */
+  #receive(payload) {
+    this.bytes += payload.length;
+    try {
+      for (const arrival of this.delivery.receive(payload, now())) {
+        this.cameS = now();
+        this.#show(this.playout.receive(arrival, now()));
+      }
+    } catch (error) {
+      if (!(error instanceof FormatError)) throw error;
+    }
+    this.#send(this.delivery.payloads(now()));
+  }
+
+  #tick() {
+    this.#show(this.playout.poll(now()));
+    this.#send(this.delivery.payloads(now()));
+  }
+
+  /** @param {PlayoutFrame[]} frames */
+  #show(frames) {
+    for (const received of [...this.playout.models, ...frames.map((frame) => frame.received)]) {
+      if (this.numbers.has(received)) continue;
+      const number = this.numbers.size + 1;
+      this.numbers.set(received, number);
+      this.faces.addModel({ number, model: received.model, modes: received.modes });
+    }
+    this.presenter.push(frames, now());
+  }
+
+  /** Draw the frame whose turn it is, and so on. */
+  run() {
+    const frame = this.presenter.due(now());
+    if (frame) {
+      const model = this.numbers.get(frame.received) ?? 0;
+      const { face, presence } = frame;
+      if (this.faces.draw({ model, presence, face })) this.shown++;
+    }
+    requestAnimationFrame(() => this.run());
+  }
+
+  /** How it goes, in words. */
+  get state() {
+    if (this.playout.playout.ended || this.delivery.hasLeft) return "The call has ended.";
+    if (!this.delivery.call) return "Waiting for the call ...";
+    if (!this.shown) return "The face is coming ...";
+    return now() - this.cameS > SILENT_S ? "Nothing comes." : "";
+  }
+}
+
+/** @param {string} id */
+function element(id) {
+  return /** @type {HTMLElement} */ (document.getElementById(id));
+}
+
+async function start() {
+  const call = decodeURIComponent(location.pathname.slice(1));
+  element("name").textContent = call;
+  const canvas = /** @type {HTMLCanvasElement} */ (element("picture"));
+  try {
+    const key = location.hash.length > 1 ? parseKey(location.hash.slice(1)) : null;
+    const data = await (await fetch("/player.bin")).arrayBuffer();
+    const script = /** @type {HTMLScriptElement} */ (document.querySelector("script[src]")).src;
+    const faces = new FaceCanvas(canvas, data, new Worker(script));
+    if (!faces.gl) throw new FormatError("this browser has no WebGL 2");
+    const watch = new Watch(call, key, faces);
+    Object.assign(window, { watch });
+    watch.run();
+    setInterval(() => {
+      element("message").textContent = watch.state;
+      element("about").textContent = watch.bytes
+        ? `${(watch.bytes / 1e3).toFixed(1)} kB so far`
+        : "";
+    }, 250);
+  } catch (error) {
+    if (!(error instanceof FormatError)) throw error;
+    element("message").textContent = `The call cannot be watched: ${error.message}.`;
+  }
+  const full = element("full");
+  full.hidden = !document.fullscreenEnabled;
+  full.onclick = () => {
+    if (document.fullscreenElement) document.exitFullscreen();
+    else
+      element("screen")
+        .requestFullscreen()
+        .catch(() => {});
+  };
+}
+
+if (typeof document === "undefined") runDecodeWorker();
+else start();

@@ -1,0 +1,1 @@
+"""Calls at a relay, watched in browsers that are on no host of the call."""
