@@ -14,16 +14,15 @@ a second one core of the busiest relay would send, if its CPU grows with them.
 import argparse
 import json
 import os
-import statistics
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from itertools import product
-from pathlib import Path
 
 from benchmarks.command import PROGRAM, run
+from benchmarks.process_figures import cpu_s, median_and_p95, memory_bytes
 from benchmarks.relay_load.ends import PACKETS_PER_S
 from loopback.process_pair import free_port
 from shared_model.errors import UserError
@@ -65,14 +64,14 @@ def measure(
         calling = _end(stack, "callers", places[0], calls, seconds)
         _line(calling, "ready")
         _line(subscribing, "all have received")
-        before, begun_s = [_cpu_s(relay.pid) for relay in running], time.monotonic()
+        before, begun_s = [cpu_s(relay.pid) for relay in running], time.monotonic()
         assert calling.stdin is not None and subscribing.stdin is not None
         calling.stdin.write("begin\n")
         calling.stdin.flush()
         sent, caller_s = json.loads(_line(calling))
         took_s = time.monotonic() - begun_s
-        cores = [(_cpu_s(r.pid) - b) / took_s for r, b in zip(running, before, strict=True)]
-        memory = max(_memory_bytes(relay.pid) for relay in running)
+        cores = [(cpu_s(r.pid) - b) / took_s for r, b in zip(running, before, strict=True)]
+        memory = max(memory_bytes(relay.pid) for relay in running)
         subscribing.stdin.write(f"{sent * subscribers} {patience_s}")
         subscribing.stdin.close()
         delays = json.loads(_line(subscribing))
@@ -82,7 +81,7 @@ def measure(
         "relays": relays,
         "scheme": scheme,
         "share": round(len(delays) / (sent * subscribers), 4),
-        "delay_ms": [round(1000 * value, 1) for value in _median_and_p95(delays)],
+        "delay_ms": [round(1000 * value, 1) for value in median_and_p95(delays)],
         "caller_cores": round(caller_s / took_s, 4),
         "relay_cores": [round(value, 4) for value in cores],
         "relay_mb": round(memory / 1e6, 1),
@@ -126,21 +125,6 @@ def _line(process: "subprocess.Popen[str]", expected: str | None = None) -> str:
     if not line or (expected is not None and line != expected):
         raise UserError(f"a process of the measurement ended early: {line!r}")
     return line
-
-
-def _cpu_s(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _memory_bytes(pid: int) -> int:
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
-def _median_and_p95(values: list[float]) -> tuple[float, float]:
-    if not values:
-        return float("nan"), float("nan")
-    return statistics.median(values), sorted(values)[int(0.95 * (len(values) - 1))]
 
 
 if __name__ == "__main__":

@@ -35,6 +35,8 @@ class Watch {
     /** @type {WebSocket | null} */
     this.socket = null;
     this.shown = 0;
+    /** @type {PlayoutFrame | null} the frame to draw, which waits while its model is being decoded */
+    this.due = null;
     /** @type {Map<ReceivedModel, number>} */
     this.numbers = new Map();
     this.cameS = -Infinity;
@@ -101,11 +103,14 @@ class Watch {
 
   /** Draw the frame whose turn it is, and so on. */
   run() {
-    const frame = this.presenter.due(now());
-    if (frame) {
-      const model = this.numbers.get(frame.received) ?? 0;
-      const { face, presence } = frame;
-      if (this.faces.draw({ model, presence, face })) this.shown++;
+    this.due = this.presenter.due(now()) ?? this.due;
+    if (this.due) {
+      const model = this.numbers.get(this.due.received) ?? 0;
+      const { face, presence } = this.due;
+      if (this.faces.draw({ model, presence, face })) {
+        this.shown++;
+        this.due = null;
+      }
     }
     requestAnimationFrame(() => this.run());
   }

@@ -1,0 +1,1 @@
+"""What watching pages cost the relay that serves them, by their number."""
