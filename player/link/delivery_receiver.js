@@ -28,6 +28,14 @@ const SILENT_S = 1;
 const ENCODER_GONE_S = 2.5;
 const MAX_WAITING = 256;
 
+/**
+ * @param {Uint8Array} one
+ * @param {Uint8Array} other
+ */
+function isSame(one, other) {
+  return one.length === other.length && one.every((byte, index) => byte === other[index]);
+}
+
 /** What the decoder's end of a link does, without input and output; time is an argument, seconds. */
 export class DeliveryReceiver {
   /** @param {Protection} protection */
@@ -120,10 +128,13 @@ export class DeliveryReceiver {
    */
   #onHello(hello, nowS) {
     if (hello.role !== ROLES.ENCODER) return;
-    if (this.call?.session.join() !== hello.session.join()) {
+    // All decoders of a call hear what is said to one.
+    const isMeant =
+      hello.echo.every((byte) => !byte) || isSame(hello.echo, this.protection.session);
+    if (!this.call || !isSame(this.call.session, hello.session)) {
       const isTaken = this.call && !this.hasLeft && nowS - this.heardS < ENCODER_GONE_S;
-      if (isTaken) return;
-      if (hello.echo.join() !== this.protection.session.join()) {
+      if (isTaken || !isMeant) return;
+      if (!isSame(hello.echo, this.protection.session)) {
         this.out.push(this.#hello(true, hello.nonce));
         return;
       }
@@ -133,7 +144,7 @@ export class DeliveryReceiver {
     this.heardS = nowS;
     call.items.extend(hello.spans);
     call.frames.synchronise(hello.frames, nowS);
-    if (hello.asks) {
+    if (hello.asks && isMeant) {
       this.out.push(this.#hello(false, hello.nonce));
       this.reportDueS = nowS;
     }

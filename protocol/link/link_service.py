@@ -26,6 +26,9 @@ from protocol.link.messages import is_hello, is_message
 
 # How often timers are looked at, and whether the transport of a link is still there.
 TICK_S, CHECK_S = 0.02, 0.2
+# So many events are handled before what is due is looked for, which takes longer the more decoders
+# there are.
+EVENTS_AT_ONCE = 64
 # After what silence an encoder's or an idle decoder's link is searched anew, and that of a decoder
 # to which frames are coming.
 PATIENCE_S, ACTIVE_PATIENCE_S = 5.0, 1.5
@@ -137,17 +140,20 @@ class LinkService:
             self._stopped.put(None)
 
     def step(self) -> None:
-        """Wait for an event, a moment at most, handle it, and do what is due."""
-        event = self._next_event()
+        """Wait for an event, a moment at most, handle those that are there, and do what is due."""
+        events = [self._next_event(TICK_S)]
+        while events[-1] is not None and len(events) < EVENTS_AT_ONCE:
+            events.append(self._next_event(0.0))
         with self.lock:
-            if event is not None:
-                self._handle(event)
+            for event in events:
+                if event is not None:
+                    self._handle(event)
             if not self._stopping:
                 self._tick(self._clock())
 
-    def _next_event(self) -> Event | None:
+    def _next_event(self, timeout_s: float) -> Event | None:
         with suppress(Empty):
-            event = self._events.get(timeout=TICK_S)
+            event = self._events.get(timeout=timeout_s)
             with self._counting:
                 self._waiting_bytes -= _cost(event)
             return event

@@ -218,16 +218,23 @@ class DeliveryReceiver:
         call.items.extend(Channel.ORDERED, hello.ordered)
         call.items.extend(Channel.UNORDERED, hello.unordered)
         call.frames.synchronise(hello.frames, now_s)
-        if hello.asks and (hello.padding or now_s - self._answered_s >= MIN_REPORT_S):
+        is_asked = hello.asks and self._is_meant(hello)
+        if is_asked and (hello.padding or now_s - self._answered_s >= MIN_REPORT_S):
             self._answered_s = now_s
             self._out.append(self._hello(asks=False, answers=hello.nonce))
             self._report_due_s = now_s
         numbered, call.unnumbered = call.unnumbered, deque(maxlen=MAX_UNNUMBERED)
         return [arrival for data, at_s in numbered for arrival in self._on_frame(call, data, at_s)]
 
+    def _is_meant(self, hello: Hello) -> bool:
+        """Whether it is for this decoder: all decoders of a call hear what is said to one."""
+        return hello.echo in (NO_SESSION, self._session)
+
     def _on_other_session(self, hello: Hello, now_s: float) -> None:
         """An encoder that is new, or another one."""
         call = self._call
+        if not self._is_meant(hello):
+            return
         if call is not None and not call.left and now_s - call.heard_s < ENCODER_GONE_S:
             self._out.append(self._hello(asks=False, answers=hello.nonce, is_busy=True))
         elif hello.echo != self._session:

@@ -6,6 +6,7 @@ pieces until every decoder that is present has them.  Time is an argument, secon
 
 from collections import deque
 from collections.abc import Callable, Iterator
+from itertools import islice
 
 from protocol.link.delivery.frame_copies import FrameCopies
 from protocol.link.delivery.item_store import ItemStore, Placed
@@ -46,6 +47,8 @@ ASK_S, LATER_ASK_S, FIRST_ASKS = 0.25, 1.0, 20
 UPDATE_PATIENCE_S = 3.0
 # How often one decoder is answered.
 ANSWER_S = 0.15
+# So many decoders' links are measured at a time: all decoders get the messages.
+PROBED_PEERS = 4
 # Bytes that a HELLO is padded with to measure the link, and how often that is tried.
 PADDING_BYTES, MAX_PROBES = 400, 8
 # How long a decoder's word holds that it listens to another encoder.
@@ -191,26 +194,30 @@ class DeliverySender:
 
     def _questions(self, now_s: float) -> Iterator[bytes]:
         peers = self._peers.values()
-        new = [peer for peer in peers if not peer.has_reported]
-        silent = [peer for peer in peers if now_s - peer.heard_s > PEER_SILENT_S]
-        silent += [peer for peer in peers if peer.has_reported and self._pieces.is_behind(peer)]
-        early = new or (not peers and self._asks < FIRST_ASKS)
-        pause_s = ASK_S if early else LATER_ASK_S
-        if (new or silent or not peers) and now_s - self._asked_s >= pause_s:
+        if now_s - self._asked_s >= ASK_S and self._is_to_ask(now_s):
             self._asked_s, self._asks = now_s, self._asks + 1
             yield self.hello(now_s)
-        for peer in peers:
+        for peer in islice(filter(_is_to_probe, peers), PROBED_PEERS):
             window = peer.window
-            if window.is_measured or window.round_trip_s is None or peer.probes == MAX_PROBES:
-                continue
             pause_s = ASK_S
             if window.padded_trips < peer.probes:
-                pause_s = min(max(2.5 * window.round_trip_s, ASK_S), LATER_ASK_S)
+                pause_s = min(max(2.5 * (window.round_trip_s or 0.0), ASK_S), LATER_ASK_S)
             if now_s - peer.probed_s > pause_s:
                 peer.probed_s, peer.probes = now_s, peer.probes + 1
                 # One after the other, so that the link takes longer for the second alone.
                 yield self._hello(now_s, peer.session, asks=True)
                 yield self._hello(now_s, peer.session, asks=True, padding=PADDING_BYTES)
+
+    def _is_to_ask(self, now_s: float) -> bool:
+        """Whether all decoders are asked now, the last question being `ASK_S` ago."""
+        peers, is_late = self._peers.values(), now_s - self._asked_s >= LATER_ASK_S
+        if not peers:
+            return is_late or self._asks < FIRST_ASKS
+        if any(not peer.has_reported for peer in peers):
+            return True
+        return is_late and any(
+            now_s - peer.heard_s > PEER_SILENT_S or self._pieces.is_behind(peer) for peer in peers
+        )
 
     def _hello(
         self, now_s: float, echo: bytes, asks: bool, answers: int = 0, padding: int = 0
@@ -293,6 +300,13 @@ class DeliverySender:
                     self._copies.add(now_s + AGAIN_S * copy, number, packet)
         oldest = self._frames - HISTORY
         self._repeated_s = {n: at for n, at in self._repeated_s.items() if n >= oldest}
+
+
+def _is_to_probe(peer: Peer) -> bool:
+    """Whether what its link carries is unknown, and may be found out."""
+    window = peer.window
+    is_answering = window.round_trip_s is not None
+    return is_answering and not window.is_measured and peer.probes < MAX_PROBES
 
 
 def _before(nonce: int) -> int:
