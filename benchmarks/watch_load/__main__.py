@@ -36,19 +36,23 @@ def main(argv: Sequence[str]) -> None:
     )
     parser.add_argument("call", type=Path, help="a call file; it begins again at its end")
     parser.add_argument("--pages", default="1,100,1000", help="with commas between them")
+    parser.add_argument("--per-second", type=float, default=1000.0, help="pages that are opened")
     parser.add_argument("--seconds", type=float, default=20.0, help="to measure")
     options = parser.parse_args(argv)
     for pages in map(int, options.pages.split(",")):
-        print(json.dumps(measure(options.call, pages, options.seconds)), flush=True)
+        print(
+            json.dumps(measure(options.call, pages, options.per_second, options.seconds)),
+            flush=True,
+        )
 
 
-def measure(call: Path, pages: int, seconds: float) -> dict[str, object]:
+def measure(call: Path, pages: int, per_second: float, seconds: float) -> dict[str, object]:
     """The figures of so many pages of one call."""
     with ExitStack() as stack:
         place = f"tcp/127.0.0.1:{free_port()}"
         relay, port = _relay(stack, place)
         sending = stack.enter_context(Sending(call, CALL, place))
-        watching = _pages(stack, port, pages)
+        watching = _pages(stack, port, pages, per_second)
         _line(watching, "open")
         begun_s, before_s = time.monotonic(), cpu_s(relay.pid)
         _line(watching, "all have the model")
@@ -90,12 +94,11 @@ def _relay(stack: ExitStack, place: str) -> tuple["subprocess.Popen[str]", int]:
     raise UserError("the relay did not start")
 
 
-def _pages(stack: ExitStack, port: int, pages: int) -> "subprocess.Popen[str]":
+def _pages(stack: ExitStack, port: int, pages: int, per_second: float) -> "subprocess.Popen[str]":
     program = [sys.executable, "-m", "benchmarks.watch_load.pages"]
+    arguments = [str(port), CALL, str(pages), str(per_second)]
     pipe = subprocess.PIPE
-    process = subprocess.Popen(
-        [*program, str(port), CALL, str(pages)], stdin=pipe, stdout=pipe, text=True
-    )
+    process = subprocess.Popen([*program, *arguments], stdin=pipe, stdout=pipe, text=True)
     stack.callback(_kill, process)
     return process
 

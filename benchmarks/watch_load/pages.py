@@ -16,8 +16,6 @@ from protocol.link.link_protection import PlainProtection
 from protocol.packets import PacketKind, packet_kind
 
 TICK_S = 0.05
-# As many open their WebSocket at a time.
-OPENING = 50
 
 
 class _Page:
@@ -58,17 +56,14 @@ class _Page:
                 self.came.append((arrival.number, now_s))
 
 
-async def _watch(address: str, number: int) -> list[tuple[int, float]]:
+async def _watch(address: str, number: int, a_second: float) -> list[tuple[int, float]]:
     pages = [_Page() for _ in range(number)]
     connector = aiohttp.TCPConnector(limit=0)
     async with aiohttp.ClientSession(connector=connector) as http:
         tasks = []
-        for first in range(0, number, OPENING):
-            tasks += [
-                asyncio.create_task(page.watch(http, address))
-                for page in pages[first : first + OPENING]
-            ]
-            await asyncio.sleep(TICK_S)
+        for page in pages:
+            tasks.append(asyncio.create_task(page.watch(http, address)))
+            await asyncio.sleep(1 / a_second)
         print("open", flush=True)
         await asyncio.gather(*(page.has_model.wait() for page in pages))
         print("all have the model", flush=True)
@@ -79,9 +74,10 @@ async def _watch(address: str, number: int) -> list[tuple[int, float]]:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """PORT CALL PAGES: print when all are open, when all have the model, and what came."""
-    port, call, number = arguments
-    came = asyncio.run(_watch(f"ws://127.0.0.1:{port}/{call}/ws", int(number)))
+    """PORT CALL PAGES PAGES_A_SECOND: say when all are open and have the model, print what came."""
+    port, call, number, a_second = arguments
+    address = f"ws://127.0.0.1:{port}/{call}/ws"
+    came = asyncio.run(_watch(address, int(number), float(a_second)))
     print(json.dumps(came), flush=True)
 
 

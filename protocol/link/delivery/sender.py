@@ -6,7 +6,6 @@ pieces until every decoder that is present has them.  Time is an argument, secon
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from itertools import islice
 
 from protocol.link.delivery.frame_copies import FrameCopies
 from protocol.link.delivery.item_store import ItemStore, Placed
@@ -47,8 +46,10 @@ ASK_S, LATER_ASK_S, FIRST_ASKS = 0.25, 1.0, 20
 UPDATE_PATIENCE_S = 3.0
 # How often one decoder is answered.
 ANSWER_S = 0.15
-# So many decoders' links are measured at a time: all decoders get the messages.
-PROBED_PEERS = 4
+# All decoders answer a question: however many there are, so many answers come a second.
+ANSWERS_PER_S = 200.0
+# The links of more decoders are not measured with padding, which all of them would get.
+PROBED_PEERS = 8
 # Bytes that a HELLO is padded with to measure the link, and how often that is tried.
 PADDING_BYTES, MAX_PROBES = 400, 8
 # How long a decoder's word holds that it listens to another encoder.
@@ -197,7 +198,7 @@ class DeliverySender:
         if now_s - self._asked_s >= ASK_S and self._is_to_ask(now_s):
             self._asked_s, self._asks = now_s, self._asks + 1
             yield self.hello(now_s)
-        for peer in islice(filter(_is_to_probe, peers), PROBED_PEERS):
+        for peer in filter(_is_to_probe, peers if len(peers) <= PROBED_PEERS else ()):
             window = peer.window
             pause_s = ASK_S
             if window.padded_trips < peer.probes:
@@ -213,6 +214,8 @@ class DeliverySender:
         peers, is_late = self._peers.values(), now_s - self._asked_s >= LATER_ASK_S
         if not peers:
             return is_late or self._asks < FIRST_ASKS
+        if now_s - self._asked_s < len(peers) / ANSWERS_PER_S:
+            return False
         if any(not peer.has_reported for peer in peers):
             return True
         return is_late and any(
