@@ -7,9 +7,11 @@ from protocol.entropy.varint import encode_varint
 from protocol.errors import ProtocolError
 from protocol.link.delivery.item_assembly import MAX_AHEAD, MAX_HELD_BYTES, ItemAssembly
 from protocol.link.delivery.receiver import DeliveryReceiver
+from protocol.link.delivery.sender import DeliverySender
 from protocol.link.messages import (
     MAX_HOLDINGS,
     MAX_NUMBER,
+    NO_SESSION,
     PIECE_BYTES,
     Channel,
     Hello,
@@ -86,3 +88,31 @@ def test_higher_numbers_are_refused(field: str) -> None:
     }[field]
     with pytest.raises(ProtocolError, match="2147483648"):
         parse_message(data)
+
+
+def test_what_is_said_to_another_decoder_is_not_answered() -> None:
+    receiver = DeliveryReceiver(DECODER, lambda session: None)
+    receiver.receive(hello(Role.ENCODER, ENCODER, echo=b"decoder2", asks=True), 0.0)
+    questions = [parse_message(payload) for payload in receiver.payloads(0.0)]
+    # Its own question alone: no answer to that.
+    assert [(each.asks, each.answers) for each in questions if isinstance(each, Hello)] == [
+        (True, 0)
+    ]
+    receiver.receive(hello(Role.ENCODER, ENCODER, echo=DECODER), 0.01)
+    receiver.payloads(0.02)
+    receiver.receive(hello(Role.ENCODER, ENCODER, echo=b"decoder2", asks=True), 0.03)
+    assert not receiver.payloads(0.03)
+
+
+def test_many_decoders_are_asked_less_often() -> None:
+    def questions(decoders: int) -> int:
+        sender = DeliverySender(ENCODER, False, lambda session: None)
+        for number in range(decoders):
+            sender.receive(hello(Role.DECODER, number.to_bytes(8, "little"), echo=ENCODER), 0.0)
+        ticks = [sender.payloads(0.05 * tick) for tick in range(40)]
+        said = [parse_message(payload) for tick in ticks for payload in tick]
+        return sum(isinstance(each, Hello) and each.echo == NO_SESSION for each in said)
+
+    # None of them has reported: two seconds of questions, and of 200 answers a second.
+    assert questions(10) == 8
+    assert questions(400) == 1
