@@ -3,7 +3,6 @@
 import base64
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -18,7 +17,7 @@ DECODED_S = 60.0
 GRAB = """
 window.grab = (index) => {
   letter.player.draw(index);
-  const pixels = letter.player.shown.scene.read();
+  const pixels = letter.player.faces.scene.read();
   let text = "";
   for (let k = 0; k < pixels.length; k += 32768)
     text += String.fromCharCode(...pixels.subarray(k, k + 32768));
@@ -27,10 +26,10 @@ window.grab = (index) => {
 window.time_frames = (count) => {
   const player = letter.player;
   player.draw(0);
-  player.shown.scene.read();
+  player.faces.scene.read();
   const start = performance.now();
   for (let i = 0; i < count; i++) player.draw(i);
-  player.shown.scene.read();
+  player.faces.scene.read();
   return (performance.now() - start) / count;
 };
 """
@@ -41,8 +40,8 @@ window.onerror = (message, source, line, column, error) => errors.push(String(er
 window.onunhandledrejection = (event) => errors.push(String(event.reason));
 const look = () => {
   if (window.letter) {
-    if (shown_ms === null && letter.player.shown) shown_ms = performance.now();
-    if (decoded_ms === null && letter.player.isDecoded) decoded_ms = performance.now();
+    if (shown_ms === null && letter.player.faces.scene) shown_ms = performance.now();
+    if (decoded_ms === null && letter.player.faces.isDecoded) decoded_ms = performance.now();
   }
   if (shown_ms === null || decoded_ms === null) requestAnimationFrame(look);
 };
@@ -67,13 +66,8 @@ class PlayedLetter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.browser.__exit__(kind, error, trace)
+    def __exit__(self, *exception: object) -> None:
+        self.browser.__exit__(*exception)
 
     def wait_until_decoded(self) -> None:
         """Wait until the letter is there with all its models."""
@@ -109,7 +103,7 @@ class PlayedLetter:
         """A frame as the page draws it, (height, width, 3) uint8 BGR."""
         data = base64.b64decode(self.browser.value(f"grab({index})"))
         width, height = self.browser.value(
-            "[letter.player.gl.canvas.width, letter.player.gl.canvas.height]"
+            "[letter.player.faces.canvas.width, letter.player.faces.canvas.height]"
         )
         pixels = np.frombuffer(data, np.uint8).reshape(height, width, 4)
         return np.ascontiguousarray(pixels[..., 2::-1])

@@ -34,7 +34,6 @@ draws for them.  Prints a line of JSON:
 import argparse
 import asyncio
 import json
-import os
 import subprocess
 import time
 from collections.abc import Sequence
@@ -48,6 +47,7 @@ import numpy as np
 
 from benchmarks.call_delay.clip import SECONDS, is_open, write_clip, write_empty_clip
 from benchmarks.command import PROGRAM, run
+from benchmarks.measured_process import cpu_s
 from loopback.browser import Browser, find_browser
 from loopback.played_letter import SOFTWARE_GL
 from loopback.process_pair import free_port
@@ -176,13 +176,12 @@ def measure(
 
 def receiving_cpu_s() -> float:
     """CPU seconds so far of the processes that receive, and perhaps draw, on this host."""
-    ticks = 0
+    total_s = 0.0
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             if RECEIVING_PART.encode() in (process / "cmdline").read_bytes():
-                fields = (process / "stat").read_text().rsplit(")", 1)[1].split()
-                ticks += int(fields[11]) + int(fields[12])
-    return ticks / os.sysconf("SC_CLK_TCK")
+                total_s += cpu_s(int(process.name))
+    return total_s
 
 
 def figures(

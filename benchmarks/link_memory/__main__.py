@@ -9,12 +9,14 @@ the process's memory after each minute, and by how much it has grown since the f
 import argparse
 import gc
 import heapq
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import cycle
 from pathlib import Path
 
 from benchmarks.command import run
+from benchmarks.measured_process import memory_bytes
 from decoder.playout.receiver import Receiver
 from loopback.bad_wire import Faults, Lane
 from protocol.call_file import CallReader
@@ -159,9 +161,7 @@ def long_call(path: Path, loss: float) -> LongCall:
 
 def memory_mb() -> float:
     """Resident memory of this process now (Linux), MB."""
-    lines = Path("/proc/self/status").read_text("ascii").splitlines()
-    (kilobytes,) = [line.split()[1] for line in lines if line.startswith("VmRSS")]
-    return int(kilobytes) / 1024
+    return memory_bytes(os.getpid()) / 2**20
 
 
 if __name__ == "__main__":

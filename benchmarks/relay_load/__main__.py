@@ -13,20 +13,26 @@ a second one core of the busiest relay would send, if its CPU grows with them.
 
 import argparse
 import json
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from itertools import product
 
-from benchmarks.command import PROGRAM, run
-from benchmarks.process_figures import cpu_s, median_and_p95, memory_bytes
+from benchmarks.command import run
+from benchmarks.delay_figures import median_and_p95_ms
+from benchmarks.measured_process import (
+    Process,
+    cpu_s,
+    memory_bytes,
+    next_line,
+    start_module,
+    start_relay,
+)
 from benchmarks.relay_load.ends import PACKETS_PER_S
 from loopback.process_pair import free_port
-from shared_model.errors import UserError
 
+# The module of the ends.
+ENDS = "benchmarks.relay_load.ends"
 # For how long no packet may come until those that are still on their way are given up.
 PATIENCE_S = 1.0
 
@@ -59,29 +65,29 @@ def measure(
     with ExitStack() as stack:
         places = [f"{scheme}/127.0.0.1:{free_port()}" for _ in range(relays)]
         running = [_relay(stack, places, number) for number in range(relays)]
-        subscribing = _end(stack, "subscribers", places[-1], calls, subscribers)
-        _line(subscribing, "ready")
-        calling = _end(stack, "callers", places[0], calls, seconds)
-        _line(calling, "ready")
-        _line(subscribing, "all have received")
+        subscribing = start_module(stack, ENDS, "subscribers", places[-1], calls, subscribers)
+        next_line(subscribing, "ready")
+        calling = start_module(stack, ENDS, "callers", places[0], calls, seconds)
+        next_line(calling, "ready")
+        next_line(subscribing, "all have received")
         before, begun_s = [cpu_s(relay.pid) for relay in running], time.monotonic()
         assert calling.stdin is not None and subscribing.stdin is not None
         calling.stdin.write("begin\n")
         calling.stdin.flush()
-        sent, caller_s = json.loads(_line(calling))
+        sent, caller_s = json.loads(next_line(calling))
         took_s = time.monotonic() - begun_s
         cores = [(cpu_s(r.pid) - b) / took_s for r, b in zip(running, before, strict=True)]
         memory = max(memory_bytes(relay.pid) for relay in running)
         subscribing.stdin.write(f"{sent * subscribers} {patience_s}")
         subscribing.stdin.close()
-        delays = json.loads(_line(subscribing))
+        delays = json.loads(next_line(subscribing))
     return {
         "calls": calls,
         "subscribers": subscribers,
         "relays": relays,
         "scheme": scheme,
         "share": round(len(delays) / (sent * subscribers), 4),
-        "delay_ms": [round(1000 * value, 1) for value in median_and_p95(delays)],
+        "delay_ms": median_and_p95_ms(delays),
         "caller_cores": round(caller_s / took_s, 4),
         "relay_cores": [round(value, 4) for value in cores],
         "relay_mb": round(memory / 1e6, 1),
@@ -93,38 +99,11 @@ def _numbers(text: str) -> tuple[int, ...]:
     return tuple(map(int, text.split(",")))
 
 
-def _relay(stack: ExitStack, places: Sequence[str], number: int) -> "subprocess.Popen[str]":
+def _relay(stack: ExitStack, places: Sequence[str], number: int) -> Process:
     """Relay `number`, which connects to the one before it; it listens when this returns."""
     upstream = ["--connect", places[number - 1]] if number else []
-    command = [*PROGRAM, "relay", "--listen", places[number], "--max-peers", "10000", *upstream]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    stack.callback(_kill, process)
-    assert process.stderr is not None
-    if "listening" not in (line := process.stderr.readline()):
-        raise UserError(f"a relay did not start: {line.strip()}")
-    return process
-
-
-def _end(stack: ExitStack, end: str, *arguments: object) -> "subprocess.Popen[str]":
-    command = [sys.executable, "-m", "benchmarks.relay_load.ends", end, *map(str, arguments)]
-    pipe = subprocess.PIPE
-    process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=os.environ)
-    stack.callback(_kill, process)
-    return process
-
-
-def _kill(process: "subprocess.Popen[str]") -> None:
-    process.kill()
-    process.wait()
-
-
-def _line(process: "subprocess.Popen[str]", expected: str | None = None) -> str:
-    """The next line of a process.  Raises `UserError` if it has ended, or says something else."""
-    assert process.stdout is not None
-    line = process.stdout.readline().strip()
-    if not line or (expected is not None and line != expected):
-        raise UserError(f"a process of the measurement ended early: {line!r}")
-    return line
+    arguments = ["--listen", places[number], "--max-peers", "10000", *upstream]
+    return start_relay(stack, arguments, "listening")[0]
 
 
 if __name__ == "__main__":

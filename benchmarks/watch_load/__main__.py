@@ -13,20 +13,26 @@ and the relay's memory.
 
 import argparse
 import json
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from benchmarks.command import PROGRAM, run
-from benchmarks.process_figures import cpu_s, median_and_p95, memory_bytes
+from benchmarks.command import run
+from benchmarks.delay_figures import median_and_p95_ms
+from benchmarks.measured_process import (
+    cpu_s,
+    memory_bytes,
+    next_line,
+    start_module,
+    start_relay,
+)
 from benchmarks.watch_load.sending import Sending
 from loopback.process_pair import free_port
-from shared_model.errors import UserError
 
 CALL = "watched"
+# The module of the pages.
+PAGES = "benchmarks.watch_load.pages"
 
 
 def main(argv: Sequence[str]) -> None:
@@ -40,22 +46,21 @@ def main(argv: Sequence[str]) -> None:
     parser.add_argument("--seconds", type=float, default=20.0, help="to measure")
     options = parser.parse_args(argv)
     for pages in map(int, options.pages.split(",")):
-        print(
-            json.dumps(measure(options.call, pages, options.per_second, options.seconds)),
-            flush=True,
-        )
+        figures = measure(options.call, pages, options.per_second, options.seconds)
+        print(json.dumps(figures), flush=True)
 
 
 def measure(call: Path, pages: int, per_second: float, seconds: float) -> dict[str, object]:
     """The figures of so many pages of one call."""
     with ExitStack() as stack:
         place = f"tcp/127.0.0.1:{free_port()}"
-        relay, port = _relay(stack, place)
+        relay, line = start_relay(stack, ["--listen", place, "--watch", "0"], "watched at")
+        port = line.split("HOST:")[1].split("/")[0]
         sending = stack.enter_context(Sending(call, CALL, place))
-        watching = _pages(stack, port, pages, per_second)
-        _line(watching, "open")
+        watching = start_module(stack, PAGES, port, CALL, pages, per_second)
+        next_line(watching, "open")
         begun_s, before_s = time.monotonic(), cpu_s(relay.pid)
-        _line(watching, "all have the model")
+        next_line(watching, "all have the model")
         joined_s = time.monotonic() - begun_s
         joining_cores = (cpu_s(relay.pid) - before_s) / max(joined_s, 1e-3)
         before_s, sent_s, back = cpu_s(relay.pid), time.process_time(), sending.bytes_back
@@ -67,53 +72,19 @@ def measure(call: Path, pages: int, per_second: float, seconds: float) -> dict[s
         back_bps = 8 * (sending.bytes_back - back) / took_s
         assert watching.stdin is not None
         watching.stdin.close()
-        came = json.loads(_line(watching))
+        came = json.loads(next_line(watching))
         delays = [now_s - sent[key] for key, now_s in came if key in sent]
         return {
             "pages": pages,
             "all_joined_s": round(joined_s, 1),
             "share": round(len(delays) / (len(sent) * pages), 4),
-            "delay_ms": [round(1000 * each, 1) for each in median_and_p95(delays)],
+            "delay_ms": median_and_p95_ms(delays),
             "relay_cores_joining": round(joining_cores, 3),
             "relay_cores": round(relay_cores, 3),
             "encoder_cores": round(sender_cores, 3),
             "back_bps": round(back_bps),
             "relay_mb": round(memory_bytes(relay.pid) / 1e6, 1),
         }
-
-
-def _relay(stack: ExitStack, place: str) -> tuple["subprocess.Popen[str]", int]:
-    """A relay that serves pages, and their port."""
-    command = [*PROGRAM, "relay", "--listen", place, "--watch", "0"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    stack.callback(_kill, process)
-    assert process.stderr is not None
-    for line in process.stderr:
-        if "watched at" in line:
-            return process, int(line.split("HOST:")[1].split("/")[0])
-    raise UserError("the relay did not start")
-
-
-def _pages(stack: ExitStack, port: int, pages: int, per_second: float) -> "subprocess.Popen[str]":
-    program = [sys.executable, "-m", "benchmarks.watch_load.pages"]
-    arguments = [str(port), CALL, str(pages), str(per_second)]
-    pipe = subprocess.PIPE
-    process = subprocess.Popen([*program, *arguments], stdin=pipe, stdout=pipe, text=True)
-    stack.callback(_kill, process)
-    return process
-
-
-def _kill(process: "subprocess.Popen[str]") -> None:
-    process.kill()
-    process.wait()
-
-
-def _line(process: "subprocess.Popen[str]", expected: str | None = None) -> str:
-    assert process.stdout is not None
-    line = process.stdout.readline().strip()
-    if not line or (expected is not None and line != expected):
-        raise UserError(f"a process of the measurement ended early: {line!r}")
-    return line
 
 
 if __name__ == "__main__":

@@ -6,16 +6,17 @@ from typing import Self
 
 import zenoh
 
+from benchmarks.relay_load.ends import PACKETS_PER_S
 from protocol.call_file import CallReader
+from protocol.limits import SEQUENCE_MODULUS
 from protocol.link.interface import LinkOptions
 from protocol.link.presence import call_keys
 from protocol.link.zenoh_link import ZenohSink
 from protocol.link.zenoh_session import zenoh_config
-from protocol.packets import PacketKind, packet_kind
+from protocol.model_packet import ModelPacket
+from protocol.packets import FramePacket, parse_packet, serialise
 from protocol.security.link_security import LinkSecurity
 
-# Of 800 bit/s, with SFrame 32 bytes each.
-PACKETS_PER_S = 3.125
 WAIT_S = 60.0
 # After so long the last packet has come.
 ON_THEIR_WAY_S = 1.0
@@ -29,8 +30,9 @@ class Sending:
 
     def __init__(self, file: Path, call: str, place: str) -> None:
         with CallReader(file) as reader:
-            packets = list(reader)
-        self._frames = [each for each in packets if packet_kind(each) is PacketKind.FRAME]
+            packets = [parse_packet(data) for data in reader]
+        self._frames = [each for each in packets if isinstance(each, FramePacket)]
+        self._model = next(each for each in packets if isinstance(each, ModelPacket))
         self._number = 0
         self.bytes_back = 0
         options = LinkOptions(
@@ -40,7 +42,6 @@ class Sending:
         self._listening = zenoh.open(zenoh_config({"mode": "client", "connect/endpoints": [place]}))
         _, heard_key = call_keys(call, is_encoder=True)
         self._listening.declare_subscriber(heard_key, self._count)
-        self._model = next(each for each in packets if packet_kind(each) is PacketKind.MODEL)
 
     def send(self, seconds: float) -> dict[int, float]:
         """Send at their pace; when each was sent, by its number."""
@@ -50,9 +51,8 @@ class Sending:
             due_s = begun_s + (index + 1) / PACKETS_PER_S
             time.sleep(max(0.0, due_s - time.monotonic()))
             packet = self._frames[self._number % len(self._frames)]
-            # The number in a frame packet's first byte counts on.
             sent[self._number] = time.monotonic()
-            self._sink.send(bytes([(packet[0] & 0xC0) | self._number % 64]) + packet[1:])
+            self._sink.send(serialise(FramePacket(self._number % SEQUENCE_MODULUS, packet.payload)))
             self._number += 1
         time.sleep(ON_THEIR_WAY_S)
         return sent
@@ -62,7 +62,7 @@ class Sending:
 
     def __enter__(self) -> Self:
         try:
-            self._sink.send(self._model)
+            self._sink.send(serialise(self._model))
         except BaseException:
             self.close()
             raise

@@ -65,13 +65,21 @@ function reduced({ height, width, channels, values }, by) {
  * @param {number} sigma
  */
 function convolved(raster, sigma) {
-  const reach = Math.round(sigma * 8 + 1) >> 1;
+  const kernel = gaussian(sigma, Math.round(sigma * 8 + 1) >> 1);
+  return alongRows(transposed(alongRows(transposed(raster), kernel)), kernel);
+}
+
+/**
+ * The weights (2 reach + 1) of a Gaussian, whose sum is 1.
+ * @param {number} sigma
+ * @param {number} reach
+ */
+export function gaussian(sigma, reach) {
   const weights = Array.from({ length: 2 * reach + 1 }, (_, i) =>
     Math.exp(-((i - reach) ** 2) / (2 * sigma ** 2)),
   );
   const sum = weights.reduce((total, weight) => total + weight);
-  const kernel = Float64Array.from(weights, (weight) => weight / sum);
-  return alongRows(transposed(alongRows(transposed(raster), kernel)), kernel);
+  return Float64Array.from(weights, (weight) => weight / sum);
 }
 
 /**

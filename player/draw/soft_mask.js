@@ -1,5 +1,5 @@
 // The opacity of the person in a picture, from their mask.
-import { blurred, emptyRaster, resized } from "./image_filters.js";
+import { blurred, emptyRaster, gaussian, resized } from "./image_filters.js";
 
 /** Of a background with layers, see `shared_model/layers/soft_mask.py`. */
 const FEATHER_SIGMA = 1.5;
@@ -37,10 +37,7 @@ export function layerOpacity(mask, side, height, width) {
  * @param {number} side
  */
 function feathered(mask, side) {
-  const weights = Array.from({ length: 2 * FEATHER_REACH + 1 }, (_, i) =>
-    Math.exp(-((i - FEATHER_REACH) ** 2) / (2 * FEATHER_SIGMA ** 2)),
-  );
-  const total = weights.reduce((sum, weight) => sum + weight);
+  const weights = gaussian(FEATHER_SIGMA, FEATHER_REACH);
   /** @type {import("./image_filters.js").Raster} */
   let raster = rasterOf(mask, side);
   for (const step of [side, 1]) {
@@ -49,7 +46,7 @@ function feathered(mask, side) {
       const place = step === 1 ? at % side : Math.floor(at / side);
       for (const [i, weight] of weights.entries()) {
         const other = Math.min(Math.max(place + i - FEATHER_REACH, 0), side - 1);
-        result.values[at] += (weight / total) * raster.values[at + (other - place) * step];
+        result.values[at] += weight * raster.values[at + (other - place) * step];
       }
     }
     raster = result;

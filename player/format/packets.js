@@ -67,3 +67,11 @@ export function parsePacket(data) {
   check(!reader.left, `control packet: ${reader.left} bytes too many`);
   return { kind: "control", sequence, event, frame };
 }
+
+/**
+ * A difference of sequence numbers, 0 to 63.
+ * @param {number} difference
+ */
+export function sequenceStep(difference) {
+  return ((difference % SEQUENCE_MODULUS) + SEQUENCE_MODULUS) % SEQUENCE_MODULUS;
+}

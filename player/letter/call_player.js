@@ -1,12 +1,6 @@
-import { readDataFile } from "../data_file.js";
-import { Scene } from "../draw/scene.js";
-import { Heads } from "../model/heads.js";
+import { FaceCanvas } from "../page/face_canvas.js";
 import { readCall } from "../playout/call.js";
-import { afterStep, codedPictures, modelsOf } from "../playout/models_of_call.js";
-
-/** @typedef {import("../draw/scene.js").ModelPictures} ModelPictures */
-/** @typedef {import("../playout/received_models.js").ReceivedModel} ReceivedModel */
-/** @typedef {import("./decode_worker.js").Answer} Answer */
+import { modelsOf } from "../playout/models_of_call.js";
 
 /** A call on a canvas: its frames, and what draws them. */
 export class CallPlayer {
@@ -24,52 +18,15 @@ export class CallPlayer {
     const { width, height, fps } = this.frames[0].received.model.call;
     canvas.width = width;
     canvas.height = height;
-    const options = { alpha: false, antialias: false, depth: false };
-    this.gl = /** @type {WebGL2RenderingContext | null} */ (canvas.getContext("webgl2", options));
     this.durationS = this.frames[this.frames.length - 1].timeS - this.startS + 1 / fps;
-    this.heads = new Heads(readDataFile(data));
-    this.models = modelsOf(this.frames);
-    /** @type {Map<ReceivedModel, ModelPictures>} as far as they have been decoded */
-    this.pictures = new Map();
-    this.decoded = 0;
-    /** @type {string[]} what is wrong with models */
-    this.errors = [];
-    this.onMore = () => {};
-    /** @type {{received: ReceivedModel, scene: Scene} | null} */
-    this.shown = null;
-    this.#decode(worker, data);
-  }
-
-  /**
-   * @param {Worker} worker
-   * @param {ArrayBuffer} data
-   */
-  #decode(worker, data) {
-    worker.onmessage = (/** @type {MessageEvent<Answer>} */ { data: answer }) => {
-      const received = this.models[this.decoded];
-      if ("error" in answer) {
-        this.errors.push(answer.error);
-        this.decoded++;
-        return;
-      }
-      const known = this.pictures.get(received) ?? this.pictures.get(this.models[this.decoded - 1]);
-      const pictures = afterStep(answer, known);
-      this.pictures.set(received, pictures);
-      if (answer.isLast) this.decoded++;
-      this.onMore();
-    };
-    worker.postMessage({ data });
-    for (const received of this.models) worker.postMessage(codedPictures(received));
-  }
-
-  /** Whether all models have been decoded. */
-  get isDecoded() {
-    return this.decoded === this.models.length;
+    const models = modelsOf(this.frames);
+    this.faces = new FaceCanvas(canvas, data, worker, models.length);
+    for (const received of models) this.faces.addModel(received);
   }
 
   /** What is wrong with the call, in one line; empty: nothing. */
   get damage() {
-    const [first] = [...this.errors, ...this.call.damages];
+    const [first] = [...this.faces.errors, ...this.call.damages];
     if (first) return `damaged: ${first}`;
     return this.call.isComplete ? "" : "the call has no end: shown up to its last packet";
   }
@@ -95,27 +52,6 @@ export class CallPlayer {
    */
   draw(index) {
     const frame = this.frames[index];
-    const pictures = this.pictures.get(frame.received);
-    if (!pictures || !this.gl) return this.isDecoded;
-    this.shown = this.#sceneOf(this.gl, frame.received, pictures);
-    this.shown.scene.draw(frame);
-    this.shown.scene.show();
-    return true;
-  }
-
-  /**
-   * What draws a model: as before where only modes have been added since.
-   * @param {WebGL2RenderingContext} gl
-   * @param {ReceivedModel} received
-   * @param {ModelPictures} pictures
-   */
-  #sceneOf(gl, received, pictures) {
-    const { shown } = this;
-    if (shown?.scene.draws(received.model, pictures)) {
-      shown.scene.setModes(pictures.modes);
-      return { received, scene: shown.scene };
-    }
-    shown?.scene.close();
-    return { received, scene: new Scene(gl, this.heads, received.model, pictures) };
+    return this.faces.draw(frame.received, frame) || this.faces.isDecoded;
   }
 }

@@ -1,24 +1,13 @@
 import { FormatError } from "../format/errors.js";
+import { runDecodeWorker } from "../page/decode_worker.js";
+import { element, fullScreenSwitch } from "../page/elements.js";
 import { CallPlayer } from "./call_player.js";
 import { PlayClock } from "./clock.js";
-import { runDecodeWorker } from "./decode_worker.js";
 
 /** What the page has in it. @typedef {{script: string, data: ArrayBuffer, call: ArrayBuffer}} Contents */
 
 /** Seconds by which the arrow keys go on. */
 const KEY_STEP_S = 2;
-
-/**
- * An element of the page.
- * @template {HTMLElement} T
- * @param {string} id
- * @param {new () => T} Type
- */
-function element(id, Type) {
-  const found = document.getElementById(id);
-  if (!(found instanceof Type)) throw new Error(`the page has no ${id}`);
-  return found;
-}
 
 /** @param {number} seconds */
 function clockTime(seconds) {
@@ -51,7 +40,7 @@ class LetterPage {
     const { width, height } = frames[0].received.model.call;
     const length = `${player.durationS.toFixed(1)} s of ${width}x${height}`;
     element("about", HTMLParagraphElement).textContent = `${length} in ${size(call.bytes)}`;
-    player.onMore = () => {
+    player.faces.onStep = () => {
       this.drawn = -1;
     };
     this.#listen();
@@ -69,21 +58,22 @@ class LetterPage {
       clock.loops = !clock.loops;
       loop.setAttribute("aria-pressed", String(clock.loops));
     };
-    const full = element("full", HTMLButtonElement);
-    full.hidden = !document.fullscreenEnabled;
-    full.onclick = () => this.#toggleFullScreen();
-    document.addEventListener("keydown", (event) => this.#key(event));
+    const toggleFullScreen = fullScreenSwitch();
+    document.addEventListener("keydown", (event) => this.#key(event, toggleFullScreen));
   }
 
-  /** @param {KeyboardEvent} event */
-  #key(event) {
+  /**
+   * @param {KeyboardEvent} event
+   * @param {() => void} toggleFullScreen
+   */
+  #key(event, toggleFullScreen) {
     const { clock } = this;
     if (event.target instanceof HTMLSelectElement || event.ctrlKey || event.metaKey) return;
     const isButton = event.target instanceof HTMLButtonElement;
     if (event.key === " " && !isButton) this.#toggle();
     else if (event.key === "ArrowLeft") clock.seek(clock.timeS - KEY_STEP_S);
     else if (event.key === "ArrowRight") clock.seek(clock.timeS + KEY_STEP_S);
-    else if (event.key === "f") this.#toggleFullScreen();
+    else if (event.key === "f") toggleFullScreen();
     else return;
     event.preventDefault();
   }
@@ -91,14 +81,6 @@ class LetterPage {
   #toggle() {
     if (this.clock.isPlaying) this.clock.pause();
     else this.clock.play();
-  }
-
-  #toggleFullScreen() {
-    if (document.fullscreenElement) document.exitFullscreen();
-    else
-      element("screen", HTMLElement)
-        .requestFullscreen()
-        .catch(() => {});
   }
 
   /** Show the frame whose time it is, and so on. */
@@ -132,7 +114,7 @@ function openLetter({ script, data, call }) {
     const worker = new Worker(script);
     const canvas = element("picture", HTMLCanvasElement);
     const player = new CallPlayer(canvas, new Uint8Array(call), data, worker);
-    if (!player.gl) {
+    if (!player.faces.gl) {
       message.textContent = "This browser cannot draw the letter: it has no WebGL 2.";
       return;
     }

@@ -1,4 +1,5 @@
-import { KINDS, kindOf } from "../format/packets.js";
+import { sameBytes } from "../format/bytes.js";
+import { KINDS, kindOf, SEQUENCE_MODULUS } from "../format/packets.js";
 import { FrameNumbers } from "./frame_numbers.js";
 import { ItemAssembly } from "./item_assembly.js";
 import {
@@ -27,14 +28,6 @@ const SILENT_S = 1;
 /** After what silence another encoder may take the call over. */
 const ENCODER_GONE_S = 2.5;
 const MAX_WAITING = 256;
-
-/**
- * @param {Uint8Array} one
- * @param {Uint8Array} other
- */
-function isSame(one, other) {
-  return one.length === other.length && one.every((byte, index) => byte === other[index]);
-}
 
 /** What the decoder's end of a link does, without input and output; time is an argument, seconds. */
 export class DeliveryReceiver {
@@ -130,11 +123,11 @@ export class DeliveryReceiver {
     if (hello.role !== ROLES.ENCODER) return;
     // All decoders of a call hear what is said to one.
     const isMeant =
-      hello.echo.every((byte) => !byte) || isSame(hello.echo, this.protection.session);
-    if (!this.call || !isSame(this.call.session, hello.session)) {
+      hello.echo.every((byte) => !byte) || sameBytes(hello.echo, this.protection.session);
+    if (!this.call || !sameBytes(this.call.session, hello.session)) {
       const isTaken = this.call && !this.hasLeft && nowS - this.heardS < ENCODER_GONE_S;
       if (isTaken || !isMeant) return;
-      if (!isSame(hello.echo, this.protection.session)) {
+      if (!sameBytes(hello.echo, this.protection.session)) {
         this.out.push(this.#hello(true, hello.nonce));
         return;
       }
@@ -196,7 +189,7 @@ export class DeliveryReceiver {
     const { call } = this;
     if (!call || kindOf(packet) !== KINDS.FRAME) return [];
     this.heardS = nowS;
-    const number = call.frames.take(packet[0] % 64, nowS);
+    const number = call.frames.take(packet[0] % SEQUENCE_MODULUS, nowS);
     if (number === null) return [];
     const arrival = { packet, number, session: call.index };
     if (call.hasModel) return [arrival];

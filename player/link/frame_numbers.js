@@ -1,6 +1,7 @@
+import { SEQUENCE_MODULUS, sequenceStep } from "../format/packets.js";
+
 /** A packet may be so far ahead of the newest; any other is behind it. */
 const MAX_AHEAD = 40;
-const MODULUS = 64;
 /** Numbers behind the newest that are known to have come or not. */
 const WINDOW = 48;
 /** A missing packet is asked for so long after it was noticed, then again, until it is given up. */
@@ -47,8 +48,8 @@ export class FrameNumbers {
    * @param {number} nowS
    */
   take(byte, nowS) {
-    const ahead = (((byte - this.newest) % MODULUS) + MODULUS) % MODULUS;
-    const behind = this.newest + ahead - MODULUS;
+    const ahead = sequenceStep(byte - this.newest);
+    const behind = this.newest + ahead - SEQUENCE_MODULUS;
     const number = ahead > MAX_AHEAD || this.missing.has(behind) ? behind : this.newest + ahead;
     const isOld = number < this.begin || number <= this.newest - WINDOW || this.come.has(number);
     if (isOld) return null;

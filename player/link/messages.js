@@ -1,6 +1,7 @@
 // The messages of a link, see docs/format.md, Links.
 import { ByteReader } from "../format/bytes.js";
 import { check, FormatError } from "../format/errors.js";
+import { MAX_PACKET_BYTES } from "../format/packets.js";
 
 export const SESSION_BYTES = 8;
 export const PIECE_BYTES = 512;
@@ -9,7 +10,7 @@ export const CHANNELS = { ORDERED: 0, UNORDERED: 1 };
 const HEAD = 0x80;
 const KINDS = { HELLO: 16, REPORT: 17, PIECE_ORDERED: 18, PIECE_UNORDERED: 19, BYE: 20 };
 const MAX_NUMBER = 2 ** 31 - 1;
-const MAX_PACKET_BYTES = 262144;
+const MAX_ITEM_BYTES = Math.max(...MAX_PACKET_BYTES);
 const MAX_PADDING_BYTES = 512;
 /** In a HELLO: after byte 0, the kind, the flags and two nonces. */
 const SESSION_START = 5;
@@ -26,7 +27,6 @@ const SESSION_START = 5;
  * @property {Uint8Array} echo
  * @property {number} frames number of the next frame packet
  * @property {Span[]} spans of the ordered and of the unordered channel
- * @property {boolean} isPadded
  */
 /**
  * @typedef {object} Piece
@@ -94,7 +94,6 @@ function parseHello(reader) {
     return { first, end: first + number(reader) };
   });
   check(reader.left <= MAX_PADDING_BYTES, "message of the link is too long");
-  const isPadded = reader.left > 0;
   const asks = (flags & 4) > 0;
   return {
     kind: "hello",
@@ -106,7 +105,6 @@ function parseHello(reader) {
     echo,
     frames,
     spans,
-    isPadded,
   };
 }
 
@@ -121,7 +119,7 @@ function parsePiece(reader, channel) {
   const total = reader.varint();
   const index = reader.varint();
   const data = reader.rest().slice();
-  check(total <= MAX_PACKET_BYTES, `a packet of ${total} bytes is too long`);
+  check(total <= MAX_ITEM_BYTES, `a packet of ${total} bytes is too long`);
   const expected = Math.min(Math.max(total - index * PIECE_BYTES, 0), PIECE_BYTES);
   check(data.length === expected, `a piece of ${data.length} bytes, expected ${expected}`);
   return { kind: "piece", channel, item, number: frame, total, index, data };

@@ -1,3 +1,4 @@
+import { crc16 } from "../format/checksums.js";
 import { sessionInHello } from "./messages.js";
 import {
   baseKey,
@@ -120,17 +121,10 @@ export class PlainProtection {
   }
 
   /**
-   * CRC-16 of polynomial 0x1021, over the encoder's session and the data; of a HELLO over that alone.
+   * The checksum of the encoder's session and the data; of a HELLO that of the data alone.
    * @param {Uint8Array} data
    */
   #checksum(data) {
-    let value = 0xffff;
-    for (const byte of [...(sessionInHello(data) ? NOTHING : this.encoder), ...data]) {
-      value ^= byte << 8;
-      for (let bit = 0; bit < 8; bit++) {
-        value = ((value << 1) ^ (value & 0x8000 ? 0x1021 : 0)) & 0xffff;
-      }
-    }
-    return value;
+    return crc16([sessionInHello(data) ? NOTHING : this.encoder, data]);
   }
 }

@@ -1,7 +1,9 @@
-import { AAU_STEP, EAUS } from "./parameters.js";
+import { normalise } from "./geometry.js";
+import { AAU_STEP, EAU_STEP, EAUS } from "./parameters.js";
 
 /** @typedef {import("../format/model_packet.js").ModelPacket} ModelPacket */
 /** @typedef {import("./head.js").Head} Head */
+/** @typedef {import("./parameters.js").Face} Face */
 
 /** A person's head, which actuators move. */
 export class Person {
@@ -39,4 +41,20 @@ export class Person {
  */
 function addScaled(sum, field, factor) {
   for (let i = 0; i < field.length; i++) sum[i] += factor * field[i];
+}
+
+/**
+ * The face of a model's background picture.
+ * @param {ModelPacket} model
+ * @returns {Face}
+ */
+export function referenceFace(model) {
+  const none = new Float64Array(0);
+  const pose = { rotation: normalise(model.rotation), translation: model.translation };
+  return {
+    pose,
+    eau: Float64Array.from(model.eau, (code) => code * EAU_STEP),
+    layers: none,
+    modes: none,
+  };
 }

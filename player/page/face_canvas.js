@@ -1,36 +1,42 @@
 import { readDataFile } from "../data_file.js";
 import { Scene } from "../draw/scene.js";
+import { FormatError } from "../format/errors.js";
 import { Heads } from "../model/heads.js";
 import { afterStep, codedPictures } from "../playout/models_of_call.js";
 
 /** @typedef {import("../draw/scene.js").ModelPictures} ModelPictures */
-/** @typedef {import("../letter/decode_worker.js").Answer} Answer */
-/** @typedef {import("./face_message.js").ShownFace} ShownFace */
-/** @typedef {import("./face_message.js").ShownModel} ShownModel */
+/** @typedef {import("../playout/playout.js").PlayoutFrame} PlayoutFrame */
+/** @typedef {import("../playout/received_models.js").ReceivedModel} ReceivedModel */
+/** @typedef {import("./decode_worker.js").Answer} Answer */
+/** A model and the modes that have come. @typedef {Pick<ReceivedModel, "model" | "modes">} CodedModel */
 
-/** Models that are kept: in use and to come, with more and fewer layers. */
-const KEPT_MODELS = 8;
+/** Models of a live call that are kept: in use and to come, with more and fewer layers. */
+export const KEPT_MODELS = 8;
 
-/** Draws the faces of one person, as they come, on a canvas. */
+/** Draws the faces of one person on a canvas, by models whose pictures a worker decodes. */
 export class FaceCanvas {
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {ArrayBuffer} data the player's data file
    * @param {Worker} worker that runs `runDecodeWorker`
+   * @param {number} kept models: those that came before cannot be drawn any more
    */
-  constructor(canvas, data, worker) {
+  constructor(canvas, data, worker, kept = KEPT_MODELS) {
     this.canvas = canvas;
     const options = { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true };
     this.gl = /** @type {WebGL2RenderingContext | null} */ (canvas.getContext("webgl2", options));
     this.heads = new Heads(readDataFile(data));
-    /** @type {ShownModel[]} in the order in which they came */
-    this.models = [];
-    /** @type {ShownModel[]} those that the worker has not finished */
-    this.waiting = [];
-    /** @type {Map<number, ModelPictures>} by the number of the model */
+    this.kept = kept;
+    /** @type {Map<CodedModel, ModelPictures | undefined>} as far as they have been decoded, in the order in which they came */
     this.pictures = new Map();
+    /** @type {CodedModel[]} those that the worker has not finished */
+    this.waiting = [];
     /** @type {ModelPictures | undefined} of the model decoded last */
     this.newest = undefined;
+    /** @type {string[]} what is wrong with models and residuals */
+    this.errors = [];
+    /** called after each step of decoding */
+    this.onStep = () => {};
     /** @type {Scene | null} */
     this.scene = null;
     this.worker = worker;
@@ -38,51 +44,73 @@ export class FaceCanvas {
     worker.postMessage({ data });
   }
 
+  /** Whether all models have been decoded. */
+  get isDecoded() {
+    return !this.waiting.length;
+  }
+
   /**
    * Take a model, whose pictures are decoded from now on.
-   * @param {ShownModel} shown
+   * @param {CodedModel} coded
    */
-  addModel(shown) {
-    this.models.push(shown);
-    for (const old of this.models.splice(0, this.models.length - KEPT_MODELS)) {
-      this.pictures.delete(old.number);
+  addModel(coded) {
+    this.pictures.set(coded, undefined);
+    for (const old of this.pictures.keys()) {
+      if (this.pictures.size <= this.kept) break;
+      this.pictures.delete(old);
     }
-    this.waiting.push(shown);
-    this.worker.postMessage(codedPictures(shown));
+    this.waiting.push(coded);
+    this.worker.postMessage(codedPictures(coded));
   }
 
   /** @param {Answer} answer */
   #take(answer) {
-    const [shown] = this.waiting;
+    const [coded] = this.waiting;
     if ("error" in answer) {
+      this.errors.push(answer.error);
       this.waiting.shift();
       return;
     }
-    this.newest = afterStep(answer, this.pictures.get(shown.number) ?? this.newest);
-    this.pictures.set(shown.number, this.newest);
+    this.newest = afterStep(answer, this.pictures.get(coded) ?? this.newest);
+    if (this.pictures.has(coded)) this.pictures.set(coded, this.newest);
     if (answer.isLast) this.waiting.shift();
+    this.onStep();
   }
 
   /**
    * Draw a face; false if its model has not been decoded yet.
-   * @param {ShownFace} shown
+   * @param {CodedModel} coded
+   * @param {Pick<PlayoutFrame, "face" | "index" | "residual" | "presence">} frame
    */
-  draw({ model: number, presence, face }) {
-    const shown = this.models.find((each) => each.number === number);
-    const pictures = this.pictures.get(number);
-    if (!shown || !pictures || !this.gl) return false;
-    const { width, height } = shown.model.call;
+  draw(coded, frame) {
+    const pictures = this.pictures.get(coded);
+    if (!pictures || !this.gl) return false;
+    const { width, height } = coded.model.call;
     if (this.canvas.width !== width || this.canvas.height !== height) {
       this.canvas.width = width;
       this.canvas.height = height;
     }
-    if (!this.scene?.draws(shown.model, pictures)) {
+    if (!this.scene?.draws(coded.model, pictures)) {
       this.scene?.close();
-      this.scene = new Scene(this.gl, this.heads, shown.model, pictures);
+      this.scene = new Scene(this.gl, this.heads, coded.model, pictures);
     }
     this.scene.setModes(pictures.modes);
-    this.scene.draw({ face, index: 0, residual: null, presence });
+    this.#drawFrame(this.scene, frame);
     this.scene.show();
     return true;
+  }
+
+  /**
+   * @param {Scene} scene
+   * @param {Pick<PlayoutFrame, "face" | "index" | "residual" | "presence">} frame
+   */
+  #drawFrame(scene, frame) {
+    try {
+      scene.draw(frame);
+    } catch (error) {
+      // A residual is damaged: the frame has been drawn without it.
+      if (!(error instanceof FormatError)) throw error;
+      this.errors.push(error.message);
+    }
   }
 }

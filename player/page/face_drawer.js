@@ -1,8 +1,10 @@
-import { runDecodeWorker } from "../letter/decode_worker.js";
-import { FaceCanvas } from "./face_canvas.js";
+import { PlayoutDelay } from "../playout/playout_delay.js";
+import { runDecodeWorker } from "./decode_worker.js";
+import { FaceCanvas, KEPT_MODELS } from "./face_canvas.js";
 import { parseFace, parseModelMessage } from "./face_message.js";
 
 /** @typedef {import("./face_message.js").ShownFace} ShownFace */
+/** @typedef {import("./face_message.js").ShownModel} ShownModel */
 
 /** Names of renderers without a graphics card. */
 const SOFTWARE = /swiftshader|llvmpipe|software|basic render/i;
@@ -15,6 +17,8 @@ class FaceDrawer {
    */
   constructor(data, script) {
     this.faces = new FaceCanvas(document.createElement("canvas"), data, new Worker(script));
+    /** @type {ShownModel[]} */
+    this.models = [];
   }
 
   /** What draws; null: nothing has been drawn. */
@@ -27,15 +31,19 @@ class FaceDrawer {
    * @param {ArrayBuffer} message
    */
   addModel(message) {
-    this.faces.addModel(parseModelMessage(message));
+    const shown = parseModelMessage(message);
+    this.models = [...this.models.slice(1 - KEPT_MODELS), shown];
+    this.faces.addModel(shown);
   }
 
   /**
    * Draw a face; the canvas, or null if its model has not been decoded yet.
    * @param {ShownFace} shown
    */
-  draw(shown) {
-    return this.faces.draw(shown) ? this.faces.canvas : null;
+  draw({ model, presence, face }) {
+    const coded = this.models.find(({ number }) => number === model);
+    const frame = { face, index: 0, residual: null, presence };
+    return coded && this.faces.draw(coded, frame) ? this.faces.canvas : null;
   }
 }
 
@@ -57,5 +65,5 @@ if (typeof document === "undefined") runDecodeWorker();
 else {
   const script = /** @type {HTMLScriptElement} */ (document.currentScript).src;
   const make = (/** @type {ArrayBuffer} */ data) => new FaceDrawer(data, script);
-  Object.assign(window, { faces: { canDraw, make, parse: parseFace } });
+  Object.assign(window, { faces: { canDraw, make, parse: parseFace, PlayoutDelay } });
 }

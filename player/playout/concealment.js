@@ -1,5 +1,5 @@
 import { interpolate } from "../model/geometry.js";
-import { referenceFace } from "./frame_decoder.js";
+import { referenceFace } from "../model/person.js";
 
 /** @typedef {import("../format/model_packet.js").ModelPacket} ModelPacket */
 /** @typedef {import("../model/parameters.js").Face} Face */

@@ -4,8 +4,9 @@ import { FramePredictor } from "../format/frames/frame_payload.js";
 import { GEOMETRY, parseTransform } from "../format/frames/frame_transform.js";
 import { parseThesisPayload, THESIS_EAUS } from "../format/frames/thesis_payload.js";
 import { splitVoice } from "../format/frames/voice_block.js";
-import { normalise, poseFromMotion } from "../model/geometry.js";
-import { clip, clipEau, EAU_STEP } from "../model/parameters.js";
+import { poseFromMotion } from "../model/geometry.js";
+import { clip, clipEau } from "../model/parameters.js";
+import { referenceFace } from "../model/person.js";
 import { PacketHistory } from "./packet_history.js";
 
 /** @typedef {import("../format/frames/frame_transform.js").FrameTransform} FrameTransform */
@@ -24,22 +25,6 @@ import { PacketHistory } from "./packet_history.js";
 const THESIS_RATE_HZ = 10;
 const MAX_PARAMETER = 1e5;
 const MAX_MOTION = [180, 180, 180, 1e4, 1e4, 3];
-
-/**
- * The face of a model's background picture.
- * @param {ModelPacket} model
- * @returns {Face}
- */
-export function referenceFace(model) {
-  const none = new Float64Array(0);
-  const pose = { rotation: normalise(model.rotation), translation: model.translation };
-  return {
-    pose,
-    eau: Float64Array.from(model.eau, (code) => code * EAU_STEP),
-    layers: none,
-    modes: none,
-  };
-}
 
 /** Decodes the frame packets of a model. */
 export class FrameDecoder {

@@ -1,6 +1,6 @@
 import { check } from "../format/errors.js";
 import { FrameClock } from "../format/frames/frame_times.js";
-import { EVENTS, SEQUENCE_MODULUS } from "../format/packets.js";
+import { EVENTS, SEQUENCE_MODULUS, sequenceStep } from "../format/packets.js";
 import { interpolate, withFocalChange } from "../model/geometry.js";
 import { atRest, bridge, presence } from "./concealment.js";
 import { ReceivedModels } from "./received_models.js";
@@ -74,7 +74,7 @@ export class Playout {
   #receiveModel(model, exact) {
     const isFirst = !this.models.current;
     const newest = isFirst ? model.sequence : this.newest;
-    const first = exact ?? newest + modulo(model.sequence - newest);
+    const first = exact ?? newest + sequenceStep(model.sequence - newest);
     if (isFirst) {
       this.newest = first - 1;
       if (model.version) this.#joinLate();
@@ -146,7 +146,7 @@ export class Playout {
    */
   #number(sequence, current, exact) {
     if (exact !== null) this.isNumbered = true;
-    const ahead = exact === null ? modulo(sequence - this.newest) : exact - this.newest;
+    const ahead = exact === null ? sequenceStep(sequence - this.newest) : exact - this.newest;
     const number = this.newest + ahead;
     if (!this.last && this.newest < current.first && ahead > FIRST_WINDOW) {
       this.#joinLate();
@@ -275,14 +275,6 @@ export class Playout {
     const isNear = end - this.next <= MAX_GAP_S * received.model.call.fps;
     check(isNear, `call jumps from frame ${this.next} to ${Math.floor(end)}`);
   }
-}
-
-/**
- * A difference of sequence numbers, 0 to 63.
- * @param {number} difference
- */
-function modulo(difference) {
-  return ((difference % SEQUENCE_MODULUS) + SEQUENCE_MODULUS) % SEQUENCE_MODULUS;
 }
 
 /**

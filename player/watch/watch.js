@@ -1,9 +1,10 @@
 import { FormatError } from "../format/errors.js";
-import { runDecodeWorker } from "../letter/decode_worker.js";
 import { DeliveryReceiver } from "../link/delivery_receiver.js";
 import { parseKey } from "../link/invitation.js";
 import { SESSION_BYTES } from "../link/messages.js";
 import { PlainProtection, SFrameProtection } from "../link/protection.js";
+import { runDecodeWorker } from "../page/decode_worker.js";
+import { element, fullScreenSwitch } from "../page/elements.js";
 import { FaceCanvas } from "../page/face_canvas.js";
 import { LivePlayout } from "../playout/live_playout.js";
 import { Presenter } from "../playout/presenter.js";
@@ -37,8 +38,8 @@ class Watch {
     this.shown = 0;
     /** @type {PlayoutFrame | null} the frame to draw, which waits while its model is being decoded */
     this.due = null;
-    /** @type {Map<ReceivedModel, number>} */
-    this.numbers = new Map();
+    /** @type {WeakSet<ReceivedModel>} */
+    this.known = new WeakSet();
     this.cameS = -Infinity;
     this.bytes = 0;
     this.#connect();
@@ -93,10 +94,9 @@ class Watch {
   /** @param {PlayoutFrame[]} frames */
   #show(frames) {
     for (const received of [...this.playout.models, ...frames.map((frame) => frame.received)]) {
-      if (this.numbers.has(received)) continue;
-      const number = this.numbers.size + 1;
-      this.numbers.set(received, number);
-      this.faces.addModel({ number, model: received.model, modes: received.modes });
+      if (this.known.has(received)) continue;
+      this.known.add(received);
+      this.faces.addModel(received);
     }
     this.presenter.push(frames, now());
   }
@@ -104,13 +104,9 @@ class Watch {
   /** Draw the frame whose turn it is, and so on. */
   run() {
     this.due = this.presenter.due(now()) ?? this.due;
-    if (this.due) {
-      const model = this.numbers.get(this.due.received) ?? 0;
-      const { face, presence } = this.due;
-      if (this.faces.draw({ model, presence, face })) {
-        this.shown++;
-        this.due = null;
-      }
+    if (this.due && this.faces.draw(this.due.received, this.due)) {
+      this.shown++;
+      this.due = null;
     }
     requestAnimationFrame(() => this.run());
   }
@@ -124,15 +120,12 @@ class Watch {
   }
 }
 
-/** @param {string} id */
-function element(id) {
-  return /** @type {HTMLElement} */ (document.getElementById(id));
-}
-
 async function start() {
   const call = decodeURIComponent(location.pathname.slice(1));
-  element("name").textContent = call;
-  const canvas = /** @type {HTMLCanvasElement} */ (element("picture"));
+  element("name", HTMLElement).textContent = call;
+  const message = element("message", HTMLParagraphElement);
+  const about = element("about", HTMLParagraphElement);
+  const canvas = element("picture", HTMLCanvasElement);
   try {
     const key = location.hash.length > 1 ? parseKey(location.hash.slice(1)) : null;
     const data = await (await fetch("/player.bin")).arrayBuffer();
@@ -143,24 +136,14 @@ async function start() {
     Object.assign(window, { watch });
     watch.run();
     setInterval(() => {
-      element("message").textContent = watch.state;
-      element("about").textContent = watch.bytes
-        ? `${(watch.bytes / 1e3).toFixed(1)} kB so far`
-        : "";
+      message.textContent = watch.state;
+      about.textContent = watch.bytes ? `${(watch.bytes / 1e3).toFixed(1)} kB so far` : "";
     }, 250);
   } catch (error) {
     if (!(error instanceof FormatError)) throw error;
-    element("message").textContent = `The call cannot be watched: ${error.message}.`;
+    message.textContent = `The call cannot be watched: ${error.message}.`;
   }
-  const full = element("full");
-  full.hidden = !document.fullscreenEnabled;
-  full.onclick = () => {
-    if (document.fullscreenElement) document.exitFullscreen();
-    else
-      element("screen")
-        .requestFullscreen()
-        .catch(() => {});
-  };
+  fullScreenSwitch();
 }
 
 if (typeof document === "undefined") runDecodeWorker();

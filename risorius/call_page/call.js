@@ -216,15 +216,10 @@ function startTape() {
   tape.is = true;
   el("tape").hidden = false;
 }
-/** What the script `face_drawer.js` gives.
- * @type {{canDraw: (isForced: boolean) => boolean, make: (data: ArrayBuffer) => FaceDrawer,
- *   parse: (data: ArrayBuffer, start: number) => object}} */
-// @ts-expect-error: that script is built
-const faces = window.faces;
 // Faces come: this page draws them, where it can.
 async function drawFaces() {
   const isForced = new URLSearchParams(location.search).has("draws");
-  if (isWindow || !faces?.canDraw(isForced)) return;
+  if (isWindow || !faces.canDraw(isForced)) return;
   const answer = await fetch("player.bin");
   if (!answer.ok) return;
   const data = await answer.arrayBuffer();

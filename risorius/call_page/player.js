@@ -14,25 +14,23 @@ const MAX_CODED = 24,
   KEPT_CODED = 8;
 // For so long it is said that this computer is too slow.
 const SLOW_S = 5;
-const WINDOW_S = 3,
-  MARGIN_S = 0.004,
-  SHRINK_S = 0.0004;
+const MARGIN_S = 0.004;
 // A picture is drawn before the frame of the screen that is next to its time.
 const HALF_FRAME_S = 0.008;
-// The window has slots, as long as a packet at least; of four and more the latest is left out of account, of six and more two.
-const SLOT_S = 0.5,
-  LEFT_OUT = [4, 6];
-// Whoever is so much later than needed catches up at once.
-const EXCESS_S = 0.15,
-  KEPT_S = 0.02;
 const now = () => performance.now() / 1000;
 
-// Shows pictures at the distances at which they were taken.  They come in groups, a packet at a time:
-// each is shown `offset` after its time in the source, so late that those of the last seconds did not miss it.  Two
-// slots of that time may: what comes later than the others is shown at once, and does not delay the rest of the call.
+// Shows pictures at the distances at which they were taken.  They come in groups, a packet at a time.
 /** What draws faces: `player/page/face_drawer.js`.
  * @typedef {{addModel: (message: ArrayBuffer) => void,
  *   draw: (face: object) => HTMLCanvasElement | null}} FaceDrawer */
+/** How late pictures are shown: `player/playout/playout_delay.js`.
+ * @typedef {{offset: number | null, reset: () => void,
+ *   arrived: (timeS: number, nowS: number, marginS: number) => boolean}} PlayoutDelay */
+/** What the script `face_drawer.js` gives.
+ * @type {{canDraw: (isForced: boolean) => boolean, make: (data: ArrayBuffer) => FaceDrawer,
+ *   parse: (data: ArrayBuffer, start: number) => object, PlayoutDelay: new () => PlayoutDelay}} */
+// @ts-expect-error: that script is built
+const faces = window.faces;
 /** A picture as it has come.  jpeg: its file; bitmap: decoded; face: instead of them.  time: in the source, seconds.
  * made, came: when it was taken and has come, ms since 1970.  waited: at the other end, ms.
  * frozen: 0, 1: no face is in the picture, 2: nothing comes.
@@ -55,23 +53,22 @@ class Player {
     this.frozen = 0;
     /** @type {number | undefined} */
     this.wait = undefined;
-    /** From the time in the source to that of the page, seconds; null: not known yet.
-     * @type {number | null} */
-    this.offset = null;
-    /** @type {{at: number, needs: number}[]} */
-    this.late = [];
-    this.last = -Infinity;
+    this.delay = new faces.PlayoutDelay();
     this.isDecoding = false;
     this.leftOut = 0;
     this.slowAt = -Infinity;
     /** @type {FaceDrawer | null} null: faces do not come */
     this.drawer = null;
-    this.reset();
+  }
+  /** From the time in the source to that of the page, seconds; null: not known yet. */
+  get offset() {
+    return this.delay.offset;
+  }
+  set offset(offset) {
+    this.delay.offset = offset;
   }
   reset() {
-    this.offset = null;
-    this.late = [];
-    this.last = -Infinity;
+    this.delay.reset();
     this.drop(this.queue.length);
   }
   /** @param {number} count */
@@ -82,26 +79,7 @@ class Player {
    * @param {number} time
    * @param {number} margin */
   arrived(time, margin) {
-    // A new call, or one that has jumped: its times have nothing to do with those before.
-    if (time < this.last - 1 || time > this.last + 5) this.reset();
-    this.last = time;
-    const at = now(),
-      needs = at - time + margin;
-    this.late.push({ at, needs });
-    while (this.late[0].at < at - WINDOW_S) this.late.shift();
-    const enough = this.enough() ?? needs;
-    if (this.offset === null || enough > this.offset) this.offset = enough;
-    else if (enough < this.offset - EXCESS_S) this.offset = enough + KEPT_S;
-    else if (enough < this.offset) this.offset = Math.max(enough, this.offset - SHRINK_S);
-  }
-  enough() {
-    const slots = new Map();
-    for (const { at, needs } of this.late) {
-      const slot = Math.floor(at / SLOT_S);
-      slots.set(slot, Math.max(needs, slots.get(slot) ?? needs));
-    }
-    const latest = [...slots.values()].sort((a, b) => b - a);
-    return latest[LEFT_OUT.filter((enough) => latest.length >= enough).length];
+    if (this.delay.arrived(time, now(), margin)) this.drop(this.queue.length);
   }
   /** Takes a picture that is not decoded.  One after the other: two may be ready in another order.
    * @param {Picture} picture */

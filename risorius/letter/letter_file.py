@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from protocol.call_file import CallReader
 from risorius.letter.letter_page import letter_page
 from risorius.letter.letter_sound import letter_sound
 from shared_model.errors import cannot_read
@@ -18,8 +17,6 @@ def write_letter(
     title: of the page.  warn: called with what is left out.
     Raises `UserError` if the call cannot be read or the letter cannot be written.
     """
-    with CallReader(call):
-        pass  # Says in one line what is wrong with a file that is no call.
     sound, missing = letter_sound(call)
     warn([missing] if missing else [])
     try:

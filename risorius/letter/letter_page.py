@@ -3,13 +3,12 @@
 import base64
 import zlib
 from html import escape
-from importlib.resources import files
 
-from shared_model.errors import UserError
+from risorius.page.player_parts import player_part
 
 # Of the player: what it is built into, what it reads, and the page around it.
 BUILT, DATA = "built/letter.js", "data/player.bin"
-PAGE, STYLE, LOADER = "letter/letter.html", "letter/letter.css", "letter/loader.js"
+PAGE, STYLE, LOADER = "letter/letter.html", "page/page.css", "letter/loader.js"
 # What is left out of the loader: it is for whoever reads the source.
 COMMENT = "//"
 
@@ -21,22 +20,15 @@ def letter_page(call: bytes, title: str, sound: bytes | None) -> str:
     sound: of the call from its first picture on, a WebM file; None: it is silent.
     Raises `UserError` if the player has not been built.
     """
-    player = files("player")
-    try:
-        script = player.joinpath(BUILT).read_bytes()
-    except FileNotFoundError as error:
-        raise UserError(
-            "the player has not been built; run make player in the sources, it needs node"
-        ) from error
-    page = player.joinpath(PAGE).read_text(encoding="utf-8")
+    page = player_part(PAGE).decode()
     parts = {
         "title": escape(title),
-        "style": player.joinpath(STYLE).read_text(encoding="utf-8"),
+        "style": player_part(STYLE).decode(),
         "sound": "" if sound is None else _sound_element(sound),
-        "player": _base64(zlib.compress(script, 9)),
-        "data": _base64(zlib.compress(player.joinpath(DATA).read_bytes(), 9)),
+        "player": _base64(zlib.compress(player_part(BUILT), 9)),
+        "data": _base64(zlib.compress(player_part(DATA), 9)),
         "call": _base64(call),
-        "loader": _without_comments(player.joinpath(LOADER).read_text(encoding="utf-8")),
+        "loader": _without_comments(player_part(LOADER).decode()),
     }
     # All at once: what has been put in is not searched.
     pieces = page.split("{{")

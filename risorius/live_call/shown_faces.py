@@ -9,6 +9,7 @@ from protocol.model_packet import ModelPacket
 from protocol.packets import serialise
 from risorius.call_page.face_message import face_values
 from risorius.live_call.messages import ShownFace, ShownModel
+from risorius.live_call.thinning import frame_step
 
 # Models whose faces may still come: in use and to come, with more and fewer layers.
 KEPT_MODELS = 8
@@ -42,9 +43,7 @@ class ShownFaces:
 
     def see_frame(self, frame: PlayoutFrame, arrival_s: float) -> None:
         """See `FaceObserver`."""
-        call = frame.model.call
-        step = 1 if self._fps is None else max(1, round(call.fps / self._fps))
-        if frame.index % step:
+        if frame.index % frame_step(frame.model.call.fps, self._fps):
             return
         number, waited_s = self._number_of(frame.model), time.monotonic() - arrival_s
         when = frame.index, float(frame.time_s), 1000 * time.time(), round(1000 * waited_s)

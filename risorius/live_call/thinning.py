@@ -25,7 +25,7 @@ class Thinning:
 
     def wants(self, index: int, source_fps: float) -> bool:
         """Whether to draw the picture of source frame `index`.  source_fps: of the call."""
-        step = 1 if self._fps is None else max(1, round(source_fps / self._fps))
+        step = frame_step(source_fps, self._fps)
         if self.arrival_s != self._arrival_s:
             self._arrival_s, self._first = self.arrival_s, index
         if index % step:
@@ -37,3 +37,8 @@ class Thinning:
                 return False
         self._skipped = 0
         return True
+
+
+def frame_step(source_fps: float, fps: float | None) -> int:
+    """Of how many source frames one is wanted.  fps: about so many a second; None: all."""
+    return 1 if fps is None else max(1, round(source_fps / fps))

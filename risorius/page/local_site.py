@@ -10,12 +10,18 @@ from aiohttp import web
 
 from protocol.link.endpoints import bind_reason
 from risorius.page.access import HEADERS, HOST, Access, not_served, random_token
+from risorius.page.player_parts import player_part
 from shared_model.errors import UserError
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 # Bytes of a request's body at most: every command of a page takes less.
 MAX_BODY_BYTES = 1 << 16
-MEDIA_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
+MEDIA_TYPES = {
+    ".html": "text/html",
+    ".css": "text/css",
+    ".js": "text/javascript",
+    ".bin": "application/octet-stream",
+}
 
 
 class LocalSite:
@@ -75,10 +81,10 @@ class LocalSite:
         return answer
 
 
-def answer(body: bytes, content_type: str) -> web.Response:
+def answer(body: bytes, content_type: str, headers: Mapping[str, str] = HEADERS) -> web.Response:
     """An answer with a body of this media type."""
     charset = "utf-8" if content_type.startswith("text/") else None
-    return web.Response(body=body, content_type=content_type, charset=charset, headers=HEADERS)
+    return web.Response(body=body, content_type=content_type, charset=charset, headers=headers)
 
 
 def page_files(package: str, page: str, names: Sequence[str]) -> dict[tuple[str, str], Handler]:
@@ -93,11 +99,10 @@ def page_files(package: str, page: str, names: Sequence[str]) -> dict[tuple[str,
 
 def player_files() -> dict[tuple[str, str], Handler]:
     """What draws faces on a page, and its data."""
-    player = files("player")
-    data = (player / "data" / "player.bin").read_bytes()
+    script, data = player_part("built/face_drawer.js"), player_part("data/player.bin")
     return {
-        ("GET", "face_drawer.js"): _file(player / "built" / "face_drawer.js"),
-        ("GET", "player.bin"): fixed(data, "application/octet-stream"),
+        ("GET", "face_drawer.js"): fixed(script, MEDIA_TYPES[".js"]),
+        ("GET", "player.bin"): fixed(data, MEDIA_TYPES[".bin"]),
     }
 
 
@@ -105,10 +110,10 @@ def _file(part: Traversable) -> Handler:
     return fixed(part.read_bytes(), MEDIA_TYPES[PurePath(part.name).suffix])
 
 
-def fixed(body: bytes, content_type: str) -> Handler:
+def fixed(body: bytes, content_type: str, headers: Mapping[str, str] = HEADERS) -> Handler:
     """What answers every request with the same body."""
 
     async def handle(request: web.Request) -> web.Response:
-        return answer(body, content_type)
+        return answer(body, content_type, headers)
 
     return handle

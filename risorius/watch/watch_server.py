@@ -9,9 +9,8 @@ The page opens the payloads itself (`player/watch`).  A slow one loses the oldes
 
 import asyncio
 import socket
-from collections import deque
 from contextlib import suppress
-from importlib.resources import files
+from pathlib import PurePath
 from typing import Self
 
 from aiohttp import WSMsgType, web
@@ -20,47 +19,34 @@ from protocol.limits import CALL_NAME
 from protocol.link.endpoints import bind_reason
 from protocol.link.messages import MAX_MESSAGE_BYTES
 from protocol.relay.zenoh_relay import Relay, WatchedCall
+from risorius.page.access import HEADERS
+from risorius.page.local_site import MEDIA_TYPES, answer, fixed
 from risorius.page.loop_thread import LoopThread
+from risorius.page.player_parts import player_part
 from shared_model.errors import LINK_FAILED, UserError
 
 # Payloads that may wait for a page; a model's pieces come many at a time.
 MAX_WAITING = 512
 # Pages at a time.
 MAX_PAGES = 2000
-HEADERS = {
-    "Cache-Control": "no-store",
-    "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:;"
-        " worker-src 'self'; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'"
-    ),
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-}
-
-
-class _Page:
-    """What one page has not received yet."""
-
-    def __init__(self) -> None:
-        self._waiting: deque[bytes] = deque(maxlen=MAX_WAITING)
-        self._arrived = asyncio.Event()
-
-    def put(self, payload: bytes) -> None:
-        self._waiting.append(payload)
-        self._arrived.set()
-
-    async def take(self) -> bytes:
-        while not self._waiting:
-            self._arrived.clear()
-            await self._arrived.wait()
-        return self._waiting.popleft()
+# Of other pages the style sheets may be in the page, and pictures and sounds are made by scripts.
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; worker-src 'self';"
+    " connect-src 'self'; frame-ancestors 'none'; base-uri 'none'"
+)
+WATCH_HEADERS = {**HEADERS, "Content-Security-Policy": POLICY}
+# Parts of the page by their paths in the player.
+PAGE = "watch/watch.html"
+PARTS = "page/page.css", "built/watch.js", "data/player.bin"
+# Of a page, the payloads that it has not received yet.
+_Waiting = asyncio.Queue[bytes]
 
 
 class _Watched:
     """A call that pages watch."""
 
     def __init__(self, relay: Relay, call: str) -> None:
-        self.pages: set[_Page] = set()
+        self.pages: set[_Waiting] = set()
         loop = asyncio.get_running_loop()
 
         def receive(payload: bytes) -> None:
@@ -71,7 +57,9 @@ class _Watched:
 
     def _hand_out(self, payload: bytes) -> None:
         for page in self.pages:
-            page.put(payload)
+            if page.full():
+                page.get_nowait()
+            page.put_nowait(payload)
 
 
 class WatchServer:
@@ -83,7 +71,8 @@ class WatchServer:
 
     def __init__(self, relay: Relay, port: int) -> None:
         self._relay, self._calls = relay, dict[str, _Watched]()
-        self._parts = _page_parts()
+        self._page = player_part(PAGE)
+        self._parts = {PurePath(part).name: player_part(part) for part in PARTS}
         self._loop = LoopThread()
         try:
             self.port = self._loop.run(self._open(port))
@@ -109,8 +98,9 @@ class WatchServer:
 
     async def _open(self, port: int) -> int:
         application = web.Application()
-        for name in self._parts:
-            application.router.add_get(f"/{name}", self._get_part)
+        for name, body in self._parts.items():
+            handler = fixed(body, MEDIA_TYPES[PurePath(name).suffix], WATCH_HEADERS)
+            application.router.add_get(f"/{name}", handler)
         application.router.add_get("/{call}", self._get_page)
         application.router.add_get("/{call}/ws", self._get_socket)
         self._runner = web.AppRunner(application, access_log=None, shutdown_timeout=0.5)
@@ -125,13 +115,10 @@ class WatchServer:
         bound: int = listening.getsockname()[1]
         return bound
 
-    async def _get_part(self, request: web.Request) -> web.Response:
-        return _answer(self._parts[request.path.removeprefix("/")])
-
     async def _get_page(self, request: web.Request) -> web.Response:
         if not CALL_NAME.fullmatch(request.match_info["call"]):
             raise web.HTTPNotFound
-        return _answer(self._parts[""])
+        return answer(self._page, MEDIA_TYPES[".html"], WATCH_HEADERS)
 
     async def _get_socket(self, request: web.Request) -> web.WebSocketResponse:
         call = request.match_info["call"]
@@ -146,7 +133,7 @@ class WatchServer:
         watched = self._calls.get(call)
         if watched is None:
             watched = self._calls[call] = _Watched(self._relay, call)
-        page = _Page()
+        page = _Waiting(MAX_WAITING)
         watched.pages.add(page)
         sending = asyncio.create_task(_send(stream, page))
         try:
@@ -169,31 +156,7 @@ def _listening_socket(port: int) -> socket.socket:
     return socket.create_server(("", port))
 
 
-async def _send(stream: web.WebSocketResponse, page: _Page) -> None:
+async def _send(stream: web.WebSocketResponse, page: _Waiting) -> None:
     with suppress(ConnectionError):
         while True:
-            await stream.send_bytes(await page.take())
-
-
-def _page_parts() -> dict[str, tuple[bytes, str]]:
-    """Body and media type of each part of the page, by its name.  Raises `UserError`."""
-    player = files("player")
-    try:
-        script = (player / "built" / "watch.js").read_bytes()
-    except FileNotFoundError as error:
-        raise UserError(
-            "the page that watches has not been built; run make player in the sources, it needs"
-            " node"
-        ) from error
-    return {
-        "": ((player / "watch" / "watch.html").read_bytes(), "text/html"),
-        "letter.css": ((player / "letter" / "letter.css").read_bytes(), "text/css"),
-        "watch.js": (script, "text/javascript"),
-        "player.bin": ((player / "data" / "player.bin").read_bytes(), "application/octet-stream"),
-    }
-
-
-def _answer(part: tuple[bytes, str]) -> web.Response:
-    body, kind = part
-    charset = "utf-8" if kind.startswith("text/") else None
-    return web.Response(body=body, content_type=kind, charset=charset, headers=HEADERS)
+            await stream.send_bytes(await page.get())

@@ -15,6 +15,7 @@ from conftest import PROGRAM, ROOT, Start
 from processes import LIMIT_S, error_line, finish, one_line, wait_until
 from videos import endless_video
 
+from benchmarks.measured_process import cpu_s
 from protocol.call_file import CallReader
 from protocol.call_records import TruncatedCall
 from protocol.summary import summarise
@@ -194,12 +195,6 @@ def test_without_the_landmark_networks_the_encoder_warns_and_goes_on(
     assert result.returncode == 0
     assert "Viola-Jones" in one_line(result.stderr)
     assert summarise(call).frames == 6
-
-
-def cpu_s(pid: int) -> float:
-    """What a process has used of the processor, also when it has just ended."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def count_packets(path: Path) -> int:

@@ -20,7 +20,7 @@ from protocol.relay.zenoh_relay import Relay, RelayOptions
 from protocol.security.invitation import format_key, random_key
 from protocol.security.link_security import LinkSecurity
 from risorius.cli import main
-from risorius.watch import watch_server
+from risorius.page import player_parts
 from risorius.watch.watch_server import WatchServer
 from shared_model.errors import UserError
 
@@ -114,7 +114,7 @@ def test_a_taken_port_and_a_page_that_is_not_built_are_told(
 ) -> None:
     with pytest.raises(UserError, match="cannot listen on port"):
         WatchServer(relay, server.port)
-    monkeypatch.setattr(watch_server, "files", lambda package: tmp_path)
+    monkeypatch.setattr(player_parts, "files", lambda package: tmp_path)
     with pytest.raises(UserError, match="run make player"):
         WatchServer(relay, 0)
 
