@@ -254,6 +254,12 @@ function end() {
     document.querySelectorAll("nav button")
   ))
     button.hidden = button.id !== "full";
+  const again = first.setup ? " To call again, start risorius again." : "";
+  say({
+    text: "the call has ended",
+    trouble: false,
+    over: tape.is ? "" : `The call has ended.${again}`,
+  });
 }
 function leave() {
   end();
@@ -272,16 +278,10 @@ function connect() {
     if (receive) receive(message);
   };
   socket.onclose = (event) => {
-    if (event.code === 1001) end();
-    say({
-      text: ended ? "the call has ended" : "risorius does not answer, trying again",
-      trouble: !ended,
-      over:
-        ended && !tape.is
-          ? `The call has ended.${first.setup ? " To call again, start risorius again." : ""}`
-          : "",
-    });
-    if (!ended) setTimeout(connect, 1000);
+    if (ended) return;
+    if (event.code === 1001) return end();
+    say({ text: "risorius does not answer, trying again", trouble: true, over: "" });
+    setTimeout(connect, 1000);
   };
 }
 /** @param {string} name
