@@ -14,7 +14,7 @@ import { blendSurroundSeam } from "./surround_seam.js";
 /** @typedef {import("./closed_lids.js").Lids} Lids */
 /** @typedef {import("./local_colours.js").ColourLimits} ColourLimits */
 /**
- * The decoded texture of a caller; limits and lids are of the default profile.
+ * The decoded texture of a caller; limits and lids are of the default profile, null until known.
  * @typedef {object} MeanTexture
  * @property {number} size texels a side
  * @property {Uint8Array} mean (size, size, 3) R, G, B
@@ -41,23 +41,29 @@ export class AppearanceDecoder {
     const weightMap = isPicture(texture)
       ? parsePictureHeader(texture, "texture").weightMap
       : new Uint8Array(0);
-    image.values = image.values.map(toByte);
+    const { values } = image;
+    for (let i = 0; i < values.length; i++) values[i] = toByte(values[i]);
     if (!isThesis) blendSurroundSeam(image);
-    const mean = Uint8Array.from(image.values, toByte);
-    const atlas = isThesis ? null : new Atlas(head, width);
+    const mean = new Uint8Array(values.length);
+    for (let i = 0; i < values.length; i++) mean[i] = toByte(values[i]);
+    this.head = head;
     this.isThesis = isThesis;
     this.texture = texture;
-    this.colours = atlas && new LocalColours(mean, atlas);
+    /** @type {LocalColours | null} */
+    this.colours = null;
     /** @type {MeanTexture} */
-    this.mean = {
-      size: width,
-      mean,
-      limits: this.colours && { low: this.colours.low, high: this.colours.high },
-      lids: atlas && lidsOf(mean, atlas),
-    };
+    this.mean = { size: width, mean, limits: null, lids: null };
     this.sequence = modeDecoder(networks, height, width, weightMap);
     /** @type {Uint8Array[]} the modes decoded so far, as they are coded */
     this.known = [];
+  }
+
+  /** Find limits and lids of the mean: they are needed where modes are, or lids that close. */
+  complete() {
+    const { size, mean } = this.mean;
+    const atlas = new Atlas(this.head, size);
+    const { low, high } = (this.colours = new LocalColours(mean, atlas));
+    this.mean = { size, mean, limits: { low, high }, lids: lidsOf(mean, atlas) };
   }
 
   /**

@@ -78,7 +78,10 @@ export class Atlas {
    */
   valueAt(at, values) {
     const { triangles } = this.head;
-    const [a, b, c] = [0, 1, 2].map((k) => values[triangles[this.owner[at] + k]]);
+    const first = this.owner[at];
+    const a = values[triangles[first]];
+    const b = values[triangles[first + 1]];
+    const c = values[triangles[first + 2]];
     return a + this.weights[2 * at] * (b - a) + this.weights[2 * at + 1] * (c - a);
   }
 }

@@ -95,9 +95,10 @@ export function lidsOf(mean, atlas) {
   const light = new Float32Array(3 * size * size);
   const least = new Float32Array(size * size);
   for (let at = 0; at < size * size; at++) {
-    const [r, g, b] = [0, 1, 2].map((c) => sums[4 * at + c] / Math.max(sums[4 * at + 3], 1e-3));
-    const luma = Math.max(RED * r + GREEN * g + BLUE * b, 1);
-    light.set([r / luma, g / luma, b / luma], 3 * at);
+    const count = Math.max(sums[4 * at + 3], 1e-3);
+    const sum = RED * sums[4 * at] + GREEN * sums[4 * at + 1] + BLUE * sums[4 * at + 2];
+    const luma = Math.max(sum / count, 1);
+    for (let c = 0; c < 3; c++) light[3 * at + c] = sums[4 * at + c] / count / luma;
     least[at] = LEAST_LIGHT * luma;
   }
   return { size, area, weights, light, least };

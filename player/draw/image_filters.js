@@ -66,7 +66,7 @@ function reduced({ height, width, channels, values }, by) {
  */
 function convolved(raster, sigma) {
   const kernel = gaussian(sigma, Math.round(sigma * 8 + 1) >> 1);
-  return alongRows(transposed(alongRows(transposed(raster), kernel)), kernel);
+  return alongColumns(alongRows(raster, kernel), kernel);
 }
 
 /**
@@ -83,16 +83,39 @@ export function gaussian(sigma, reach) {
 }
 
 /**
+ * The place within 0..count-1 that a place beyond the ends is mirrored to.
+ * @param {number} place
+ * @param {number} count
+ */
+function mirrored(place, count) {
+  const last = Math.max(count - 1, 1);
+  const at = Math.abs(place) % (2 * last);
+  return Math.min(at > last ? 2 * last - at : at, count - 1);
+}
+
+/**
  * @param {Raster} raster
+ * @param {Float64Array} kernel symmetric
  * @returns {Raster}
  */
-function transposed({ height, width, channels, values }) {
-  const result = emptyRaster(width, height, channels);
+function alongRows({ height, width, channels, values }, kernel) {
+  const reach = kernel.length >> 1;
+  const result = emptyRaster(height, width, channels);
+  const line = new Float64Array((width + 2 * reach) * channels);
+  const places = Int32Array.from({ length: line.length }, (_, k) => {
+    const j = Math.floor(k / channels) - reach;
+    return mirrored(j, width) * channels + (k % channels);
+  });
+  const size = width * channels;
+  const far = 2 * reach * channels;
   for (let i = 0; i < height; i++) {
-    for (let j = 0; j < width; j++) {
-      for (let c = 0; c < channels; c++) {
-        result.values[(j * height + i) * channels + c] = values[(i * width + j) * channels + c];
+    for (let k = 0; k < line.length; k++) line[k] = values[i * size + places[k]];
+    for (let k = 0; k < size; k++) {
+      let sum = kernel[reach] * line[k + reach * channels];
+      for (let t = 0, at = k, other = k + far; t < reach; t++, at += channels, other -= channels) {
+        sum += kernel[t] * (line[at] + line[other]);
       }
+      result.values[i * size + k] = sum;
     }
   }
   return result;
@@ -100,33 +123,23 @@ function transposed({ height, width, channels, values }) {
 
 /**
  * @param {Raster} raster
- * @param {Float64Array} kernel
+ * @param {Float64Array} kernel symmetric
  * @returns {Raster}
  */
-function alongRows({ height, width, channels, values }, kernel) {
+function alongColumns({ height, width, channels, values }, kernel) {
   const reach = kernel.length >> 1;
   const result = emptyRaster(height, width, channels);
-  const line = new Float64Array((width + 2 * reach) * channels);
-  const last = Math.max(width - 1, 1);
+  const size = width * channels;
+  const sums = new Float64Array(size);
   for (let i = 0; i < height; i++) {
-    for (let j = -reach; j < width + reach; j++) {
-      let at = Math.abs(j) % (2 * last);
-      if (at > last) at = 2 * last - at;
-      for (let c = 0; c < channels; c++) {
-        line[(j + reach) * channels + c] =
-          values[(i * width + Math.min(at, width - 1)) * channels + c];
-      }
+    for (let k = 0; k < size; k++) sums[k] = kernel[reach] * values[i * size + k];
+    for (let t = 1; t <= reach; t++) {
+      const weight = kernel[reach + t];
+      const above = mirrored(i - t, height) * size;
+      const below = mirrored(i + t, height) * size;
+      for (let k = 0; k < size; k++) sums[k] += weight * (values[above + k] + values[below + k]);
     }
-    const size = width * channels;
-    const far = 2 * reach * channels;
-    for (let k = 0; k < size; k++) {
-      // The kernel is symmetric.
-      let sum = kernel[reach] * line[k + reach * channels];
-      for (let t = 0, at = k, other = k + far; t < reach; t++, at += channels, other -= channels) {
-        sum += kernel[t] * (line[at] + line[other]);
-      }
-      result.values[i * size + k] = sum;
-    }
+    result.values.set(sums, i * size);
   }
   return result;
 }
@@ -190,32 +203,41 @@ function middles(count, known) {
  * @param {Raster} raster
  * @param {number} side
  * @param {1 | -1} sign
+ * @returns {Raster}
  */
-export function extremes(raster, side, sign) {
-  return transposed(rowExtremes(transposed(rowExtremes(raster, side, sign)), side, sign));
+export function extremes({ height, width, channels, values }, side, sign) {
+  const reach = side >> 1;
+  const size = (width + 2 * reach) * channels;
+  // Padded all around; each value becomes the greatest of those from it on, right, then down.
+  const found = new Float32Array((height + 2 * reach) * size).fill(-Infinity);
+  const start = reach * size + reach * channels;
+  for (let i = 0, from = 0; i < height; i++) {
+    for (let k = 0; k < width * channels; k++, from++)
+      found[start + i * size + k] = sign * values[from];
+  }
+  greatestFrom(found, channels, side);
+  greatestFrom(found, size, side);
+  const result = emptyRaster(height, width, channels);
+  for (let i = 0, to = 0; i < height; i++) {
+    for (let k = 0; k < width * channels; k++, to++) result.values[to] = sign * found[i * size + k];
+  }
+  return result;
 }
 
 /**
- * @param {Raster} raster
- * @param {number} side
- * @param {1 | -1} sign
+ * Each value becomes the greatest of so many, a step apart, from it on.
+ * @param {Float32Array} values changed
+ * @param {number} step
+ * @param {number} count
  */
-function rowExtremes({ height, width, channels, values }, side, sign) {
-  const reach = (side >> 1) * channels;
-  const size = width * channels;
-  const result = emptyRaster(height, width, channels);
-  for (let i = 0; i < height; i++) {
-    const start = i * size;
-    for (let k = 0; k < size; k++) {
-      let found = -Infinity;
-      const first = k - reach < 0 ? k % channels : k - reach;
-      const end = Math.min(k + reach, size - 1);
-      for (let at = first; at <= end; at += channels) {
-        const value = sign * values[start + at];
-        if (value > found) found = value;
-      }
-      result.values[start + k] = sign * found;
+function greatestFrom(values, step, count) {
+  for (let known = 1; known < count; ) {
+    const more = Math.min(known, count - known);
+    const end = values.length - more * step;
+    for (let k = 0; k < end; k++) {
+      const other = values[k + more * step];
+      if (other > values[k]) values[k] = other;
     }
+    known += more;
   }
-  return result;
 }

@@ -41,22 +41,11 @@ function toPlanes({ height, width, values }) {
   return planes;
 }
 
-/**
- * A raster of a function of each place.
- * @param {number} size
- * @param {number} channels
- * @param {(at: number, channel: number) => number} value
- */
-function rasterOf(size, channels, value) {
-  const raster = emptyRaster(size, size, channels);
-  for (let i = 0; i < raster.values.length; i++) {
-    raster.values[i] = value(Math.floor(i / channels), i % channels);
-  }
-  return raster;
-}
-
 /** The colours of a mean texture around each of its texels. */
 export class LocalColours {
+  /** (size, size, 2) colour differences around each texel of a part, per unit of luma */
+  #around;
+
   /**
    * @param {Uint8Array} mean (size, size, 3) R, G, B
    * @param {Atlas} atlas
@@ -65,6 +54,7 @@ export class LocalColours {
     const { size } = atlas;
     this.size = size;
     const texels = size * size;
+    this.#around = new Float32Array(2 * texels);
     /** (size, size, 2) colour differences per unit of luma that a mode is expected to have */
     this.expected = new Float32Array(2 * texels);
     this.low = new Float32Array(2 * texels).fill(-FREE);
@@ -83,40 +73,40 @@ export class LocalColours {
    */
   #enter(atlas, part, planes, coarse) {
     const { size } = this;
-    const isPart = Uint8Array.from({ length: size * size }, (_, at) =>
-      atlas.partAt(at) === part ? 1 : 0,
-    );
-    const weighted = rasterOf(
-      size,
-      4,
-      (at, c) => isPart[at] * (c < 3 ? planes.values[3 * at + c] : 1),
-    );
+    const isPart = new Uint8Array(size * size);
+    const weighted = emptyRaster(size, size, 4);
+    for (let at = 0; at < isPart.length; at++) {
+      if (atlas.partAt(at) !== part) continue;
+      isPart[at] = 1;
+      for (let c = 0; c < 3; c++) weighted.values[4 * at + c] = planes.values[3 * at + c];
+      weighted.values[4 * at + 3] = 1;
+    }
     const sums = blurred(weighted, REACH * size).values;
-    const averaged = (/** @type {number} */ at, /** @type {number} */ c) =>
-      sums[4 * at + c] / Math.max(sums[4 * at + 3], 1e-3);
-    const around = rasterOf(
-      size,
-      2,
-      (at, c) => averaged(at, c + 1) / Math.max(averaged(at, 0), MIN_LUMA),
-    );
-    const isSeen = isPart.map((is, at) =>
-      is && coarse.values[3 * at] > BRIGHT * averaged(at, 0) ? 1 : 0,
-    );
-    const share = blurred(
-      rasterOf(size, 1, (at) => (isSeen[at] ? BRIGHT_SHARE : SHARE)),
-      SENT_REACH,
-    );
-    const usual = around.values.map((value) => SHARE * value);
-    const seen = rasterOf(size, 2, (at, c) => {
-      const own = coarse.values[3 * at + 1 + c] / Math.max(coarse.values[3 * at], MIN_LUMA);
-      return isSeen[at] ? own : usual[2 * at + c];
-    });
+    const usual = new Float32Array(2 * size * size);
+    const shares = emptyRaster(size, size, 1);
+    const seen = emptyRaster(size, size, 2);
+    for (let at = 0; at < isPart.length; at++) {
+      const count = Math.max(sums[4 * at + 3], 1e-3);
+      const luma = sums[4 * at] / count;
+      const own = coarse.values[3 * at];
+      const isSeen = isPart[at] && own > BRIGHT * luma;
+      shares.values[at] = isSeen ? BRIGHT_SHARE : SHARE;
+      for (let c = 0; c < 2; c++) {
+        const around = sums[4 * at + 1 + c] / count / Math.max(luma, MIN_LUMA);
+        this.#around[2 * at + c] = around;
+        usual[2 * at + c] = SHARE * around;
+        seen.values[2 * at + c] = isSeen
+          ? coarse.values[3 * at + 1 + c] / Math.max(own, MIN_LUMA)
+          : usual[2 * at + c];
+      }
+    }
+    const share = blurred(shares, SENT_REACH).values;
     const side = 2 * Math.round(NEAR * size) + 1;
     const least = extremes(seen, side, -1).values;
     const most = extremes(seen, side, 1).values;
     for (let i = 0; i < 2 * size * size; i++) {
       if (!isPart[i >> 1]) continue;
-      this.expected[i] = share.values[i >> 1] * around.values[i];
+      this.expected[i] = share[i >> 1] * this.#around[i];
       this.low[i] = Math.min(least[i], usual[i]);
       this.high[i] = Math.max(most[i], usual[i]);
     }
@@ -126,30 +116,34 @@ export class LocalColours {
    * Give a mode colour where none has been sent: it is changed.
    * @param {Image} mode (size, size, 3)
    */
-  complete(mode) {
+  complete({ values }) {
     const { size, expected } = this;
-    const planes = toPlanes(mode);
-    const luma = blurred(
-      rasterOf(size, 1, (at) => planes.values[3 * at]),
-      COARSE,
-    ).values;
-    const added = expected.map((value, i) => value * luma[i >> 1]);
-    const strength = (/** @type {(at: number, c: number) => number} */ of) =>
-      blurred(
-        rasterOf(size, 1, (at) => Math.hypot(of(at, 0), of(at, 1))),
-        SENT_REACH,
-      ).values;
-    const sent = strength((at, c) => planes.values[3 * at + 1 + c]);
-    const limit = strength((at, c) => added[2 * at + c]);
-    for (let at = 0; at < size * size; at++) {
-      const share = 1 - sent[at] / Math.max(SENT_SHARE * limit[at], 1e-3);
-      const missing = Math.min(Math.max(share, 0), 1);
-      const y = planes.values[3 * at];
-      const blue = y + planes.values[3 * at + 1] + missing * added[2 * at];
-      const red = y + planes.values[3 * at + 2] + missing * added[2 * at + 1];
-      mode.values[3 * at] = red;
-      mode.values[3 * at + 1] = (y - BLUE * blue - RED * red) / GREEN;
-      mode.values[3 * at + 2] = blue;
+    const luma = emptyRaster(size, size, 1);
+    const sent = emptyRaster(size, size, 1);
+    for (let at = 0, i = 0; at < size * size; at++, i += 3) {
+      const y = RED * values[i] + GREEN * values[i + 1] + BLUE * values[i + 2];
+      const [blue, red] = [values[i + 2] - y, values[i] - y];
+      luma.values[at] = y;
+      sent.values[at] = Math.sqrt(blue * blue + red * red);
+    }
+    const coarse = blurred(luma, COARSE).values;
+    const limit = emptyRaster(size, size, 1);
+    for (let at = 0, i = 0; at < size * size; at++, i += 2) {
+      const [blue, red] = [expected[i] * coarse[at], expected[i + 1] * coarse[at]];
+      limit.values[at] = Math.sqrt(blue * blue + red * red);
+    }
+    const sentAround = blurred(sent, SENT_REACH).values;
+    const limitAround = blurred(limit, SENT_REACH).values;
+    for (let at = 0, i = 0; at < size * size; at++, i += 3) {
+      const share = 1 - sentAround[at] / Math.max(SENT_SHARE * limitAround[at], 1e-3);
+      if (share <= 0) continue;
+      const missing = Math.min(share, 1) * coarse[at];
+      const y = luma.values[at];
+      const blue = values[i + 2] + missing * expected[2 * at];
+      const red = values[i] + missing * expected[2 * at + 1];
+      values[i] = red;
+      values[i + 1] = (y - BLUE * blue - RED * red) / GREEN;
+      values[i + 2] = blue;
     }
   }
 }

@@ -67,6 +67,10 @@ export class ModelDecoder {
       this.background = background;
     }
     if (mean || pictures) yield { mean, modes: [], background: pictures, isLast: false };
+    if (mean && !isThesis) {
+      this.appearance.complete();
+      yield { mean: this.appearance.mean, modes: [], background: null, isLast: false };
+    }
     for (const mode of this.appearance.further(modes)) {
       yield { mean: null, modes: [mode], background: null, isLast: false };
     }

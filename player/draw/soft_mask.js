@@ -11,6 +11,7 @@ const ALPHA_RANGE = [0.02, 0.3];
 /**
  * @param {Uint8Array} mask (side, side)
  * @param {number} side
+ * @returns {import("./image_filters.js").Raster}
  */
 function rasterOf(mask, side) {
   return { ...emptyRaster(side, side, 1), values: Float32Array.from(mask) };
@@ -38,16 +39,18 @@ export function layerOpacity(mask, side, height, width) {
  */
 function feathered(mask, side) {
   const weights = gaussian(FEATHER_SIGMA, FEATHER_REACH);
-  /** @type {import("./image_filters.js").Raster} */
   let raster = rasterOf(mask, side);
   for (const step of [side, 1]) {
+    const { values } = raster;
     const result = emptyRaster(side, side, 1);
     for (let at = 0; at < side * side; at++) {
       const place = step === 1 ? at % side : Math.floor(at / side);
-      for (const [i, weight] of weights.entries()) {
+      let sum = 0;
+      for (let i = 0; i < weights.length; i++) {
         const other = Math.min(Math.max(place + i - FEATHER_REACH, 0), side - 1);
-        result.values[at] += weight * raster.values[at + (other - place) * step];
+        sum += weights[i] * values[at + (other - place) * step];
       }
+      result.values[at] = sum;
     }
     raster = result;
   }

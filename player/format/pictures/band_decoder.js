@@ -1,14 +1,11 @@
-import { emptyBand } from "./bands.js";
+import { Band, enlargedTiles, TILE } from "./bands.js";
 
 /** @typedef {import("../entropy/range_decoder.js").RangeDecoder} RangeDecoder */
-/** @typedef {import("./bands.js").Band} Band */
+/** @typedef {import("./bands.js").Parents} Parents */
 /** @typedef {import("./probability_network.js").BandPlace} BandPlace */
 /** @typedef {import("./probability_network.js").ProbabilityNetwork} ProbabilityNetwork */
 /** @typedef {import("./probability_network.js").ProbabilityNetworks} ProbabilityNetworks */
 
-/** Grids of context beside the band itself: 1 to 9 of docs/format.md, Context. */
-export const CONTEXT_GRIDS = 9;
-const TILE = 4;
 /** Bands with no more values have no flags. */
 const SMALL_BAND = 64;
 const PASSES = [
@@ -20,90 +17,39 @@ const PASSES = [
 const UNARY_LIMIT = 60;
 /** The output of the network for each unary decision: the last one for all further ones. */
 const OUTPUTS = [0, 1, 2, 3, 3, 4, 4, 4, 4, 5];
-const PAD = 2;
-const FLAGS_AROUND = CONTEXT_GRIDS + 1;
-/** Grids whose signs predict signs. */
-const SIGNED = [7, 8, 9];
+/** First features of a magnitude, see docs/format.md, Context. */
+const FEATURES = { PARENTS: 6, BESIDE: 9, FLAGS: 15, AROUND: 16 };
+/** Of the grids beside the band these have the sums around a place as features as well. */
+const WITH_AROUND = 5;
+/** The first of those whose signs predict signs. */
+const SIGNED = 3;
 
-/** Grids of one size, all padded by zeros, one after the other. */
+/** What is known around the places of a band, or of its flags. */
 class Context {
   /**
-   * @param {number} height
-   * @param {number} width
-   * @param {(Int32Array | null)[]} bands values of grids 1 to 9, each (height, width); null: zeros
+   * @param {Band} own written as it becomes known
+   * @param {Band[]} parents grids 1 to 3 of docs/format.md
+   * @param {number} shift by which a place is coarser in those
+   * @param {(Band | null)[]} beside grids 4 to 9, of the size of `own`; null: zeros
    */
-  constructor(height, width, bands) {
-    this.height = height;
-    this.width = width;
-    this.across = width + 2 * PAD;
-    this.size = (height + 2 * PAD) * this.across;
-    this.magnitudes = new Int32Array((CONTEXT_GRIDS + 2) * this.size);
-    this.values = new Int32Array((1 + SIGNED.length) * this.size);
-    for (const [index, band] of bands.entries()) if (band) this.#enter(index + 1, band);
-    // Where the terms of features are, from a position or from its mirror image.
-    const at = (/** @type {number} */ i, /** @type {number} */ j) => i * this.across + j;
-    const sides = [at(0, -1), at(0, 1)];
-    const above = [at(-1, 0), at(1, 0)];
-    const diagonal = [at(-1, -1), at(-1, 1), at(1, -1), at(1, 1)];
+  constructor(own, parents, shift, beside) {
+    this.own = own;
+    this.cells = own.written;
+    this.parents = parents;
+    this.shift = shift;
+    this.beside = beside.map((band) => band?.cells ?? null);
+    // Where the terms of features are, from a place or from its mirror image.
+    const { across } = own;
+    const sides = [-1, 1];
+    const above = [-across, across];
+    const diagonal = [-across - 1, -across + 1, across - 1, across + 1];
     const outer = [];
     for (let i = -2; i <= 2; i++) {
       for (let j = -2; j <= 2; j++)
-        if (Math.max(Math.abs(i), Math.abs(j)) === 2) outer.push(at(i, j));
+        if (Math.max(Math.abs(i), Math.abs(j)) === 2) outer.push(i * across + j);
     }
-    this.own = [sides, above, diagonal, outer].map((each) => Int32Array.from(each));
+    this.near = [sides, above, diagonal, outer].map((each) => Int32Array.from(each));
     this.ring = Int32Array.from([...sides, ...above, ...diagonal]);
-  }
-
-  /**
-   * @param {number} grid
-   * @param {Int32Array} band
-   */
-  #enter(grid, band) {
-    const signed = SIGNED.indexOf(grid) + 1;
-    for (let i = 0, from = 0; i < this.height; i++) {
-      let at = this.place(i, 0);
-      for (let j = 0; j < this.width; j++, from++, at++) {
-        const value = band[from];
-        if (!value) continue;
-        this.magnitudes[grid * this.size + at] = value < 0 ? -value : value;
-        if (signed) this.values[signed * this.size + at] = value;
-      }
-    }
-  }
-
-  /**
-   * Where a position is in a padded grid.
-   * @param {number} i
-   * @param {number} j
-   */
-  place(i, j) {
-    return (i + PAD) * this.across + PAD + j;
-  }
-
-  /**
-   * Enter a value of the band itself.
-   * @param {number} i
-   * @param {number} j
-   * @param {number} value
-   */
-  setKnown(i, j, value) {
-    const at = this.place(i, j);
-    this.magnitudes[at] = Math.abs(value);
-    this.values[at] = value;
-  }
-
-  /**
-   * Enter how many of the nine tiles around a tile are flagged.
-   * @param {number} row
-   * @param {number} column
-   * @param {number} count
-   */
-  setFlagsAround(row, column, count) {
-    const right = Math.min((column + 1) * TILE, this.width);
-    for (let i = row * TILE; i < Math.min((row + 1) * TILE, this.height); i++) {
-      const start = FLAGS_AROUND * this.size + this.place(i, 0);
-      this.magnitudes.fill(count, start + column * TILE, start + right);
-    }
   }
 
   /**
@@ -111,34 +57,29 @@ class Context {
    * @param {ProbabilityNetwork} network
    * @param {number} i
    * @param {number} j
+   * @param {number} flags of the nine tiles around its tile
    */
-  addMagnitude(network, i, j) {
-    network.startPosition(i, j, this.height, this.width);
-    const { magnitudes, size } = this;
-    const at = this.place(i, j);
-    const mirrored = this.place(i, this.width - 1 - j);
-    for (let f = 0; f < 4; f++) this.#addSum(network, f, at, this.own[f]);
-    if (magnitudes[mirrored]) network.add(4, magnitudes[mirrored]);
-    this.#addSum(network, 5, mirrored, this.ring);
-    for (let grid = 1; grid <= FLAGS_AROUND; grid++) {
-      const value = magnitudes[grid * size + at];
-      if (value) network.add(5 + grid, value);
+  addMagnitude(network, i, j, flags) {
+    const { own, cells, near, ring, parents, shift, beside } = this;
+    network.startPosition(i, j, own.height, own.width);
+    const at = own.place(i, j);
+    const mirrored = own.place(i, own.width - 1 - j);
+    for (let f = 0; f < 4; f++) network.add(f, sumAround(cells, at, near[f]));
+    network.add(4, Math.abs(cells[mirrored]));
+    network.add(5, sumAround(cells, mirrored, ring));
+    for (let g = 0; g < parents.length; g++) {
+      const parent = parents[g];
+      if (!parent.cells) continue;
+      const value = parent.cells[parent.place(i >> shift, j >> shift)];
+      network.add(FEATURES.PARENTS + g, value);
     }
-    for (let grid = 4; grid <= 8; grid++) {
-      this.#addSum(network, 12 + grid, grid * size + at, this.ring);
+    for (let g = 0; g < beside.length; g++) {
+      const grid = beside[g];
+      if (!grid) continue;
+      network.add(FEATURES.BESIDE + g, Math.abs(grid[at]));
+      if (g < WITH_AROUND) network.add(FEATURES.AROUND + g, sumAround(grid, at, ring));
     }
-  }
-
-  /**
-   * @param {ProbabilityNetwork} network
-   * @param {number} feature
-   * @param {number} at
-   * @param {Int32Array} steps
-   */
-  #addSum(network, feature, at, steps) {
-    let sum = 0;
-    for (const step of steps) sum += this.magnitudes[at + step];
-    if (sum) network.add(feature, sum);
+    network.add(FEATURES.FLAGS, flags);
   }
 
   /**
@@ -148,23 +89,30 @@ class Context {
    * @param {number} j
    */
   addSign(network, i, j) {
-    network.startPosition(i, j, this.height, this.width);
-    const { values, size } = this;
-    const at = this.place(i, j);
-    const mirrored = this.place(i, this.width - 1 - j);
-    for (let f = 0; f < 8; f++) {
-      const value = values[at + this.ring[f]];
-      if (value) network.add(f, value);
-    }
-    for (let f = 0; f < 3; f++) {
-      const value = values[mirrored + (f ? 2 * f - 3 : 0)];
-      if (value) network.add(8 + f, value);
-    }
-    for (let grid = 1; grid <= 3; grid++) {
-      const value = values[grid * size + at];
-      if (value) network.add(10 + grid, value);
+    const { own, cells, ring, beside } = this;
+    network.startPosition(i, j, own.height, own.width);
+    const at = own.place(i, j);
+    const mirrored = own.place(i, own.width - 1 - j);
+    for (let f = 0; f < ring.length; f++) network.add(f, cells[at + ring[f]]);
+    network.add(8, cells[mirrored]);
+    network.add(9, cells[mirrored - 1]);
+    network.add(10, cells[mirrored + 1]);
+    for (let g = SIGNED; g < beside.length; g++) {
+      const grid = beside[g];
+      if (grid) network.add(8 + g, grid[at]);
     }
   }
+}
+
+/**
+ * @param {Int32Array} cells
+ * @param {number} at
+ * @param {Int32Array} steps
+ */
+function sumAround(cells, at, steps) {
+  let sum = 0;
+  for (let k = 0; k < steps.length; k++) sum += Math.abs(cells[at + steps[k]]);
+  return sum;
 }
 
 /**
@@ -172,78 +120,64 @@ class Context {
  * @param {RangeDecoder} decoder
  * @param {ProbabilityNetworks} networks
  * @param {BandPlace} place
- * @param {number} height
- * @param {number} width
- * @param {(Int32Array | null)[]} bands grids 1 to 9 of its context, each (height, width); null: zeros
- * @returns {Band}
+ * @param {Band} band written
+ * @param {Parents | null} parents
+ * @param {(Band | null)[]} beside grids 4 to 9 of its context, each of its size; null: zeros
  */
-export function decodeBand(decoder, networks, place, height, width, bands) {
-  const rows = Math.ceil(height / TILE);
-  const columns = Math.ceil(width / TILE);
-  const flags = emptyBand(rows, columns);
-  if (rows * columns * TILE ** 2 > SMALL_BAND) {
-    const sums = bands.map((band) => band && tileSums(band, height, width, columns, rows));
-    decodeFlags(decoder, networks.tiles, place, flags, new Context(rows, columns, sums));
+export function decodeBand(decoder, networks, place, band, parents, beside) {
+  const { height, width } = band;
+  const coarse = parents ? [parents.own, parents.around, parents.others] : [];
+  const flags = new Band(Math.ceil(height / TILE), Math.ceil(width / TILE));
+  if (flags.height * flags.width * TILE ** 2 > SMALL_BAND) {
+    const sums = coarse.map((grid) => enlargedTiles(grid, height, width));
+    const tiles = beside.map((grid) => grid && (grid.cells ? grid.tiles : null));
+    decodeFlags(decoder, networks.tiles, place, flags, new Context(flags, sums, 0, tiles));
   } else {
-    flags.values.fill(1);
-  }
-  if (!flags.values.includes(1)) return emptyBand(height, width);
-  const context = new Context(height, width, bands);
-  for (let row = 0; row < rows; row++) {
-    for (let column = 0; column < columns; column++) {
-      context.setFlagsAround(row, column, flagsAround(flags, row, column));
+    for (let row = 0; row < flags.height; row++) {
+      const start = flags.place(row, 0);
+      flags.written.fill(1, start, start + flags.width);
     }
   }
-  return decodeValues(decoder, networks, place, flags, context);
+  if (flags.written.includes(1))
+    decodeValues(decoder, networks, place, flags, new Context(band, coarse, 1, beside));
 }
 
 /**
- * @param {Int32Array} band
- * @param {number} height
- * @param {number} width
- * @param {number} columns of tiles
- * @param {number} rows of tiles
- */
-function tileSums(band, height, width, columns, rows) {
-  const sums = new Int32Array(rows * columns);
-  for (let i = 0; i < height; i++) {
-    for (let j = 0; j < width; j++) {
-      sums[(i >> 2) * columns + (j >> 2)] += Math.abs(band[i * width + j]);
-    }
-  }
-  return sums;
-}
-
-/**
+ * How many of the nine tiles around a tile are flagged.
  * @param {Band} flags
- * @param {number} row
- * @param {number} column
+ * @param {number} at
  */
-function flagsAround(flags, row, column) {
+function flagsAround({ written, across }, at) {
   let count = 0;
-  for (let i = Math.max(row - 1, 0); i <= Math.min(row + 1, flags.height - 1); i++) {
-    for (let j = Math.max(column - 1, 0); j <= Math.min(column + 1, flags.width - 1); j++) {
-      count += flags.values[i * flags.width + j];
-    }
+  for (let row = at - across; row <= at + across; row += across) {
+    count += written[row - 1] + written[row] + written[row + 1];
   }
   return count;
 }
 
 /**
- * The positions of each pass.
+ * Rows and columns, in turn, of the places of a pass in flagged tiles.
+ * @param {number[]} pass its first row and column
  * @param {number} height
  * @param {number} width
- * @param {(i: number, j: number) => boolean} isActive
+ * @param {Band | null} flags null: of all tiles
  */
-function passes(height, width, isActive) {
-  return PASSES.map(([down, right]) => {
-    /** @type {[number, number][]} */
-    const places = [];
-    for (let i = down; i < height; i += 2) {
-      for (let j = right; j < width; j += 2) if (isActive(i, j)) places.push([i, j]);
+function placesOf([down, right], height, width, flags) {
+  const places = new Int32Array((height + 1) * ((width + 1) >> 1));
+  let count = 0;
+  for (let i = down; i < height; i += 2) {
+    const tiles = flags ? flags.place(i >> 2, 0) : 0;
+    for (let j = right; j < width; j += 2) {
+      if (flags && !flags.written[tiles + (j >> 2)]) {
+        // On to the next tile: the loop adds two more.
+        j += 2;
+        continue;
+      }
+      places[count++] = i;
+      places[count++] = j;
     }
-    return places;
-  });
+  }
+  return places.subarray(0, count);
 }
 
 /**
@@ -254,18 +188,18 @@ function passes(height, width, isActive) {
  * @param {Context} context
  */
 function decodeFlags(decoder, network, place, flags, context) {
-  const all = passes(flags.height, flags.width, () => true);
-  for (const [number, places] of all.entries()) {
+  const { written } = flags;
+  for (const [number, pass] of PASSES.entries()) {
     network.startPass(place, number, flags.height);
-    const zeros = new Int32Array(places.length);
-    for (const [k, [i, j]] of places.entries()) {
-      context.addMagnitude(network, i, j);
+    const places = placesOf(pass, flags.height, flags.width, null);
+    const zeros = new Int32Array(places.length / 2);
+    for (let k = 0; k < zeros.length; k++) {
+      context.addMagnitude(network, places[2 * k], places[2 * k + 1], 0);
       network.write(zeros, k);
     }
-    for (const [k, [i, j]] of places.entries()) {
-      flags.values[i * flags.width + j] = decoder.bit(zeros[k]);
+    for (let k = 0; k < zeros.length; k++) {
+      written[flags.place(places[2 * k], places[2 * k + 1])] = decoder.bit(zeros[k]);
     }
-    for (const [i, j] of places) context.setKnown(i, j, flags.values[i * flags.width + j]);
   }
 }
 
@@ -276,35 +210,52 @@ function decodeFlags(decoder, network, place, flags, context) {
  * @param {Band} flags
  * @param {Context} context
  */
-function decodeValues(decoder, networks, place, flags, context) {
-  const { height, width } = context;
-  const { sizes, signs } = networks;
-  const band = emptyBand(height, width);
-  const isActive = (/** @type {number} */ i, /** @type {number} */ j) =>
-    flags.values[(i >> 2) * flags.width + (j >> 2)] > 0;
-  for (const [number, places] of passes(height, width, isActive).entries()) {
+function decodeValues(decoder, { sizes, signs }, place, flags, context) {
+  const { height, width, written } = context.own;
+  for (const [number, pass] of PASSES.entries()) {
+    const places = placesOf(pass, height, width, flags);
     sizes.startPass(place, number, height);
-    const zeros = new Int32Array(places.length * sizes.outputs);
-    for (const [k, [i, j]] of places.entries()) {
-      context.addMagnitude(sizes, i, j);
-      sizes.write(zeros, k * sizes.outputs);
+    const zeros = new Int32Array((places.length / 2) * sizes.outputs);
+    for (let k = 0; k < places.length; k += 2) {
+      const [i, j] = [places[k], places[k + 1]];
+      const around = flagsAround(flags, flags.place(i >> 2, j >> 2));
+      context.addMagnitude(sizes, i, j, around);
+      sizes.write(zeros, (k / 2) * sizes.outputs);
     }
-    const sizesHere = places.map((_, k) => decodeMagnitude(decoder, zeros, k * sizes.outputs));
-    const signed = places.filter((_, k) => sizesHere[k] > 0);
-    const magnitudes = sizesHere.filter((size) => size > 0);
-    signs.startPass(place, number, height);
-    const positive = new Int32Array(signed.length);
-    for (const [k, [i, j]] of signed.entries()) {
-      context.addSign(signs, i, j);
-      signs.write(positive, k);
+    // What is not zero moves to the front: rows and columns, and the magnitudes.
+    const magnitudes = new Int32Array(places.length / 2);
+    let count = 0;
+    for (let k = 0; k < places.length; k += 2) {
+      const magnitude = decodeMagnitude(decoder, zeros, (k / 2) * sizes.outputs);
+      if (!magnitude) continue;
+      places[2 * count] = places[k];
+      places[2 * count + 1] = places[k + 1];
+      magnitudes[count++] = magnitude;
     }
-    for (const [k, [i, j]] of signed.entries()) {
-      const value = decoder.bit(positive[k]) ? -magnitudes[k] : magnitudes[k];
-      band.values[i * width + j] = value;
-    }
-    for (const [i, j] of signed) context.setKnown(i, j, band.values[i * width + j]);
+    decodeSigns(decoder, signs, { place, number, places, magnitudes, count }, context, written);
   }
-  return band;
+}
+
+/**
+ * Enter the values of a pass.
+ * @param {RangeDecoder} decoder
+ * @param {ProbabilityNetwork} network
+ * @param {{place: BandPlace, number: number, places: Int32Array, magnitudes: Int32Array, count: number}} pass
+ * @param {Context} context
+ * @param {Int32Array} written
+ */
+function decodeSigns(decoder, network, pass, context, written) {
+  const { place, number, places, magnitudes, count } = pass;
+  network.startPass(place, number, context.own.height);
+  const positive = new Int32Array(count);
+  for (let k = 0; k < count; k++) {
+    context.addSign(network, places[2 * k], places[2 * k + 1]);
+    network.write(positive, k);
+  }
+  for (let k = 0; k < count; k++) {
+    const value = decoder.bit(positive[k]) ? -magnitudes[k] : magnitudes[k];
+    written[context.own.place(places[2 * k], places[2 * k + 1])] = value;
+  }
 }
 
 /**

@@ -2,8 +2,8 @@ import { ByteReader } from "../bytes.js";
 import { AdaptiveIntegers } from "../entropy/adaptive_models.js";
 import { RangeDecoder } from "../entropy/range_decoder.js";
 import { check } from "../errors.js";
-import { CONTEXT_GRIDS, decodeBand } from "./band_decoder.js";
-import { addBand, bandOf, emptyPyramid, magnitudes, mapBands, ringSums } from "./bands.js";
+import { decodeBand } from "./band_decoder.js";
+import { bandOf, emptyPyramid, parentsOf } from "./bands.js";
 import { planeOf } from "./wavelet.js";
 import { decodeWeightMap } from "./weight_map.js";
 
@@ -17,6 +17,7 @@ import { decodeWeightMap } from "./weight_map.js";
 
 const KINDS = { BACKGROUND: 0, TEXTURE: 1, MODE: 2 };
 const LOWPASS = 3;
+const PLANES = 3;
 const MAX_STEP_CODE = 80;
 const TAGS = new Map([
   [0x53, KINDS.BACKGROUND],
@@ -45,8 +46,8 @@ class PictureSequence {
     this.pictures = 0;
     /** @type {Pyramid[]} */
     this.last = [];
-    /** @type {Pyramid[]} sums of magnitudes of all pictures so far */
-    this.totals = [];
+    /** @type {Pyramid[] | null} sums of magnitudes of all pictures so far */
+    this.totals = null;
   }
 
   /**
@@ -58,13 +59,13 @@ class PictureSequence {
   decode(data, name) {
     check(data.length && data[0] <= MAX_STEP_CODE, `${name} has no step`);
     const decoder = new RangeDecoder(data.subarray(1));
-    const half = [Math.ceil(this.height / 2), Math.ceil(this.width / 2)];
-    const sizes = [[this.height, this.width], half, half];
     const integers = new AdaptiveIntegers(2);
     /** @type {Pyramid[]} */
     const planes = [];
-    for (const [height, width] of sizes) {
-      planes.push(this.#plane(decoder, planes, emptyPyramid(height, width), integers));
+    for (let plane = 0; plane < PLANES; plane++) {
+      const pyramid = emptyPyramid(...this.#size(plane));
+      this.#plane(decoder, planes, pyramid, integers);
+      planes.push(pyramid);
     }
     decoder.end(name);
     this.#advance(planes);
@@ -73,19 +74,29 @@ class PictureSequence {
 
   /** @param {Pyramid[]} planes */
   #advance(planes) {
-    const before = this.totals;
-    this.totals = planes.map((pyramid, plane) =>
-      mapBands(pyramid, (band, level, orientation) => {
-        const sums = magnitudes(band);
-        if (before.length) {
-          const old = bandOf(before[plane], level, orientation).values;
-          for (let i = 0; i < old.length; i++) sums.values[i] += old[i];
-        }
-        return sums;
-      }),
-    );
+    const totals =
+      this.totals ?? [...planes.keys()].map((plane) => emptyPyramid(...this.#size(plane)));
+    for (const [plane, pyramid] of planes.entries()) {
+      totals[plane].lowpass.addMagnitudes(pyramid.lowpass, 1);
+      for (const [level, bands] of pyramid.details.entries()) {
+        for (const [orientation, band] of bands.entries())
+          totals[plane].details[level][orientation].addMagnitudes(band, 1);
+      }
+    }
+    this.totals = totals;
     this.last = planes;
     this.pictures++;
+  }
+
+  /**
+   * Height and width of a plane.
+   * @param {number} plane
+   * @returns {[number, number]}
+   */
+  #size(plane) {
+    return plane
+      ? [Math.ceil(this.height / 2), Math.ceil(this.width / 2)]
+      : [this.height, this.width];
   }
 
   /**
@@ -96,66 +107,39 @@ class PictureSequence {
    */
   #plane(decoder, planes, pyramid, integers) {
     if (this.kind === KINDS.MODE) {
-      pyramid.lowpass = this.#band(decoder, planes, pyramid.lowpass, 0, LOWPASS, [], []);
+      this.#band(decoder, planes, pyramid, 0, LOWPASS);
     } else {
       decodeLowpass(decoder, pyramid.lowpass, integers, planes.length ? 1 : 0);
     }
-    /** @type {Band[]} */
-    let parents = [];
     for (const [index, level] of pyramid.details.entries()) {
-      for (const [orientation, band] of level.entries()) {
-        if (!band.values.length) continue;
-        const done = level.slice(0, orientation);
-        level[orientation] = this.#band(
-          decoder,
-          planes,
-          band,
-          index + 1,
-          orientation,
-          parents,
-          done,
-        );
+      for (const [orientation, { height, width }] of level.entries()) {
+        if (height && width) this.#band(decoder, planes, pyramid, index + 1, orientation);
       }
-      parents = level.map(magnitudes);
     }
-    return pyramid;
   }
 
   /**
    * @param {RangeDecoder} decoder
    * @param {Pyramid[]} planes
-   * @param {Band} empty of its size
+   * @param {Pyramid} pyramid written
    * @param {number} level
    * @param {number} orientation
-   * @param {Band[]} parents magnitudes of the coarser level
-   * @param {Band[]} done bands of this level
    */
-  #band(decoder, planes, { height, width }, level, orientation, parents, done) {
+  #band(decoder, planes, pyramid, level, orientation) {
     const plane = planes.length;
-    /** @type {(Int32Array | null)[]} */
-    const grids = new Array(CONTEXT_GRIDS).fill(null);
-    const add = (/** @type {number} */ grid, /** @type {Band} */ band, repeat = 1) => {
-      const values = grids[grid - 1] ?? new Int32Array(height * width);
-      addBand(values, height, width, band, repeat);
-      grids[grid - 1] = values;
-    };
-    if (parents.length) {
-      const own = parents[orientation];
-      add(1, own, 2);
-      add(2, ringSums(own), 2);
-      for (const [other, parent] of parents.entries()) {
-        if (other !== orientation) add(3, cut(parent, own), 2);
-      }
-    }
-    for (const [i, band] of done.slice().reverse().entries()) add(4 + i, magnitudes(band));
-    if (this.pictures) {
-      add(6, bandOf(this.totals[plane], level, orientation));
-      add(7, bandOf(this.last[plane], level, orientation));
-    }
-    if (plane && level > 1) add(8, bandOf(planes[0], level - 1, orientation));
-    if (plane > 1) add(9, bandOf(planes[1], level, orientation));
+    const band = bandOf(pyramid, level, orientation);
+    const parents = level > 1 ? parentsOf(pyramid.details[level - 2], orientation) : null;
+    const done = level ? pyramid.details[level - 1].slice(0, orientation).reverse() : [];
+    const beside = [
+      done[0],
+      done[1],
+      this.totals && bandOf(this.totals[plane], level, orientation),
+      this.totals && bandOf(this.last[plane], level, orientation),
+      plane && level > 1 ? bandOf(planes[0], level - 1, orientation) : null,
+      plane > 1 ? bandOf(planes[1], level, orientation) : null,
+    ].map((each) => each?.fitted(band.height, band.width) ?? null);
     const place = { kind: this.kind, plane, level, orientation, pictures: this.pictures };
-    return decodeBand(decoder, this.networks, place, height, width, grids);
+    decodeBand(decoder, this.networks, place, band, parents, beside);
   }
 
   /**
@@ -166,35 +150,26 @@ class PictureSequence {
   #image(pyramids, step) {
     const { height, width, weights } = this;
     const [luma, first, second] = pyramids.map((pyramid) => planeOf(pyramid, step));
-    const blues = enlarged(first, height, width);
-    const reds = enlarged(second, height, width);
+    const blues = new Enlargement(first, height, width);
+    const reds = new Enlargement(second, height, width);
     const chroma = this.kind === KINDS.MODE ? 0.3 : 0.5;
     const offset = this.kind === KINDS.MODE ? 0 : 128;
     const values = new Float32Array(3 * height * width);
-    for (let i = 0; i < height * width; i++) {
-      const weight = weights ? weights[i] : 1;
-      const y = Math.fround(luma.values[i] / weight + offset);
-      const blue = y + Math.fround(blues[i] / weight) / chroma;
-      const red = y + Math.fround(reds[i] / weight) / chroma;
-      values[3 * i] = red;
-      values[3 * i + 1] = (y - BLUE * blue - RED * red) / GREEN;
-      values[3 * i + 2] = blue;
+    for (let i = 0, at = 0; i < height; i++) {
+      const blueLine = blues.row(i);
+      const redLine = reds.row(i);
+      for (let j = 0; j < width; j++, at++) {
+        const weight = weights ? weights[at] : 1;
+        const y = Math.fround(luma.values[at] / weight + offset);
+        const blue = y + Math.fround(blueLine[j] / weight) / chroma;
+        const red = y + Math.fround(redLine[j] / weight) / chroma;
+        values[3 * at] = red;
+        values[3 * at + 1] = (y - BLUE * blue - RED * red) / GREEN;
+        values[3 * at + 2] = blue;
+      }
     }
     return { height, width, values };
   }
-}
-
-/**
- * A band cut or filled with zeros to the size of another.
- * @param {Band} band
- * @param {Band} other
- * @returns {Band}
- */
-function cut(band, { height, width }) {
-  if (band.height === height && band.width === width) return band;
-  const values = new Int32Array(height * width);
-  addBand(values, height, width, band, 1);
-  return { height, width, values };
 }
 
 /**
@@ -204,46 +179,66 @@ function cut(band, { height, width }) {
  * @param {number} context
  */
 function decodeLowpass(decoder, band, integers, context) {
-  const { height, width, values } = band;
+  const { height, width, across, written } = band;
   for (let i = 0; i < height; i++) {
-    for (let j = 0; j < width; j++) {
-      const left = j ? values[i * width + j - 1] : 0;
-      const above = i ? values[(i - 1) * width + j] : 0;
-      const corner = i && j ? values[(i - 1) * width + j - 1] : 0;
-      values[i * width + j] = left + above - corner + integers.decode(decoder, context);
+    for (let j = 0, at = band.place(i, 0); j < width; j++, at++) {
+      const known = written[at - 1] + written[at - across] - written[at - across - 1];
+      written[at] = known + integers.decode(decoder, context);
     }
   }
 }
 
+/** A plane of half the size, enlarged linearly, row by row. */
+class Enlargement {
+  /**
+   * @param {import("./wavelet.js").Plane} plane
+   * @param {number} height
+   * @param {number} width
+   */
+  constructor(plane, height, width) {
+    this.plane = plane;
+    this.rows = placesAmong(plane.height, height);
+    this.columns = placesAmong(plane.width, width);
+    this.line = new Float64Array(plane.width);
+    this.enlarged = new Float64Array(width);
+  }
+
+  /**
+   * A row of the result, until the next one is asked for.
+   * @param {number} i
+   */
+  row(i) {
+    const { plane, rows, columns, line, enlarged } = this;
+    const { values, width } = plane;
+    const [low, high, part] = [rows.low[i] * width, rows.high[i] * width, rows.part[i]];
+    for (let j = 0; j < width; j++) {
+      const upper = values[low + j];
+      line[j] = upper + part * (values[high + j] - upper);
+    }
+    for (let j = 0; j < enlarged.length; j++) {
+      const left = line[columns.low[j]];
+      enlarged[j] = left + columns.part[j] * (line[columns.high[j]] - left);
+    }
+    return enlarged;
+  }
+}
+
 /**
- * A plane of half the size, enlarged linearly.
- * @param {import("./wavelet.js").Plane} plane
- * @param {number} height
- * @param {number} width
+ * For each of `size` samples the two of half as many around it, and how far it is between them.
+ * @param {number} count of those
+ * @param {number} size
  */
-function enlarged(plane, height, width) {
-  const rows = new Float64Array(height * plane.width);
-  const line = (/** @type {number} */ i, /** @type {number} */ count) => {
+function placesAmong(count, size) {
+  const low = new Int32Array(size);
+  const high = new Int32Array(size);
+  const part = new Float64Array(size);
+  for (let i = 0; i < size; i++) {
     const at = Math.min(Math.max((i + 0.5) / 2 - 0.5, 0), count - 1);
-    const low = Math.min(Math.floor(at), Math.max(count - 2, 0));
-    return [low, Math.min(low + 1, count - 1), at - low];
-  };
-  for (let i = 0; i < height; i++) {
-    const [low, high, part] = line(i, plane.height);
-    for (let j = 0; j < plane.width; j++) {
-      const a = plane.values[low * plane.width + j];
-      rows[i * plane.width + j] = a + part * (plane.values[high * plane.width + j] - a);
-    }
+    low[i] = Math.min(Math.floor(at), Math.max(count - 2, 0));
+    high[i] = Math.min(low[i] + 1, count - 1);
+    part[i] = at - low[i];
   }
-  const result = new Float64Array(height * width);
-  for (let j = 0; j < width; j++) {
-    const [low, high, part] = line(j, plane.width);
-    for (let i = 0; i < height; i++) {
-      const a = rows[i * plane.width + low];
-      result[i * width + j] = a + part * (rows[i * plane.width + high] - a);
-    }
-  }
-  return result;
+  return { low, high, part };
 }
 
 /**

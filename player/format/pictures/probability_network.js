@@ -90,9 +90,10 @@ export class ProbabilityNetwork {
   /**
    * Add a feature of the position.
    * @param {number} index
-   * @param {number} value not 0
+   * @param {number} value
    */
   add(index, value) {
+    if (!value) return;
     const { hidden, sums } = this;
     const { features } = this.weights;
     const magnitude = value < 0 ? -value : value;

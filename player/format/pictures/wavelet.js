@@ -3,7 +3,13 @@
 /** @typedef {{height: number, width: number, values: Float64Array}} Plane */
 
 const GAIN = 1.149604398860241;
-const STEPS = [0.443506852043971, 0.882911075530934, 0.052980118572961, 1.586134342059924];
+/** The lifting steps: on which of two values, and by how much of its neighbours. */
+const LIFTS = [
+  { first: 0, factor: -0.443506852043971 },
+  { first: 1, factor: -0.882911075530934 },
+  { first: 0, factor: 0.052980118572961 },
+  { first: 1, factor: 1.586134342059924 },
+];
 /** A value is reconstructed nearer to zero than the middle of its interval, by so many steps. */
 const BIAS = 0.05;
 
@@ -14,113 +20,95 @@ const BIAS = 0.05;
  * @returns {Plane}
  */
 export function planeOf(pyramid, step) {
-  let lowpass = dequantised(pyramid.lowpass, step, 0);
-  for (const level of pyramid.details) {
-    const [across, down, both] = level.map((band) => dequantised(band, step, BIAS));
-    lowpass = joinRows(joinColumns(lowpass, across), joinColumns(down, both));
-  }
-  return lowpass;
-}
-
-/**
- * @param {Band} band
- * @param {number} step
- * @param {number} bias
- * @returns {Plane}
- */
-function dequantised(band, step, bias) {
-  const values = new Float64Array(band.values.length);
-  for (let i = 0; i < values.length; i++) {
-    const v = band.values[i];
-    if (v) values[i] = step * (v > 0 ? v - bias : v + bias);
-  }
-  return { height: band.height, width: band.width, values };
-}
-
-/**
- * @param {Plane} low
- * @param {Plane} high
- * @returns {Plane}
- */
-function joinColumns(low, high) {
-  const width = low.width + high.width;
-  const values = new Float64Array(low.height * width);
-  const line = new Lines(low.width, high.width);
-  for (let i = 0; i < low.height; i++) {
-    line.join(low.values, i * low.width, 1, high.values, i * high.width, 1, values, i * width, 1);
-  }
-  return { height: low.height, width, values };
-}
-
-/**
- * @param {Plane} low
- * @param {Plane} high
- * @returns {Plane}
- */
-function joinRows(low, high) {
-  const { width } = low;
-  const height = low.height + high.height;
-  const values = new Float64Array(height * width);
-  const line = new Lines(low.height, high.height);
-  for (let j = 0; j < width; j++) {
-    line.join(low.values, j, width, high.values, j, width, values, j, width);
+  let { height, width } = pyramid.lowpass;
+  let values = new Float64Array(height * width);
+  enter(values, width, 1, 0, 0, pyramid.lowpass, step, 0);
+  for (const [across, down, both] of pyramid.details) {
+    const lowpass = { height, width, values };
+    height += down.height;
+    width += across.width;
+    values = new Float64Array(height * width);
+    // A line of one sample alone has no high values, and is not scaled.
+    const columnGain = across.width ? GAIN : 1;
+    const rowGain = down.height ? GAIN : 1;
+    enterLowpass(values, width, lowpass, 1 / (rowGain * columnGain));
+    enter(values, width, 2, 0, 1, across, (step * columnGain) / rowGain, BIAS);
+    enter(values, width, 2, 1, 0, down, (step * rowGain) / columnGain, BIAS);
+    enter(values, width, 2, 1, 1, both, step * rowGain * columnGain, BIAS);
+    if (across.width) liftColumns(values, height, width);
+    if (down.height) liftRows(values, height, width);
   }
   return { height, width, values };
 }
 
-/** Joins low and high values along one line after another. */
-class Lines {
-  /**
-   * @param {number} lows
-   * @param {number} highs
-   */
-  constructor(lows, highs) {
-    this.even = new Float64Array(lows);
-    this.odd = new Float64Array(highs);
+/**
+ * Enter the lowpass plane into every other row and column.
+ * @param {Float64Array} values written
+ * @param {number} width
+ * @param {Plane} plane
+ * @param {number} gain
+ */
+function enterLowpass(values, width, plane, gain) {
+  for (let i = 0, from = 0; i < plane.height; i++) {
+    const start = 2 * i * width;
+    for (let j = 0; j < plane.width; j++, from++) values[start + 2 * j] = gain * plane.values[from];
   }
+}
 
-  /**
-   * @param {Float64Array} low
-   * @param {number} lowStart
-   * @param {number} lowStep
-   * @param {Float64Array} high
-   * @param {number} highStart
-   * @param {number} highStep
-   * @param {Float64Array} result
-   * @param {number} start
-   * @param {number} step
-   */
-  join(low, lowStart, lowStep, high, highStart, highStep, result, start, step) {
-    const { even, odd } = this;
-    const lows = even.length;
-    const highs = odd.length;
-    if (!highs) {
-      for (let i = 0; i < lows; i++) result[start + i * step] = low[lowStart + i * lowStep];
-      return;
-    }
-    for (let i = 0; i < lows; i++) even[i] = low[lowStart + i * lowStep] / GAIN;
-    for (let i = 0; i < highs; i++) odd[i] = high[highStart + i * highStep] * GAIN;
-    this.#liftEven(-STEPS[0]);
-    this.#liftOdd(-STEPS[1]);
-    this.#liftEven(STEPS[2]);
-    this.#liftOdd(STEPS[3]);
-    for (let i = 0; i < lows; i++) result[start + 2 * i * step] = even[i];
-    for (let i = 0; i < highs; i++) result[start + (2 * i + 1) * step] = odd[i];
-  }
-
-  /** @param {number} factor */
-  #liftEven(factor) {
-    const { even, odd } = this;
-    const last = odd.length - 1;
-    for (let i = 0; i < even.length; i++) {
-      even[i] += factor * (odd[i ? Math.min(i - 1, last) : 0] + odd[Math.min(i, last)]);
+/**
+ * Enter a band, times a step, into every row and column, or every other one.
+ * @param {Float64Array} values written
+ * @param {number} width
+ * @param {number} every
+ * @param {number} row the first one
+ * @param {number} column the first one
+ * @param {Band} band
+ * @param {number} step
+ * @param {number} bias
+ */
+function enter(values, width, every, row, column, band, step, bias) {
+  const { cells } = band;
+  if (!cells) return;
+  for (let i = 0; i < band.height; i++) {
+    const start = (every * i + row) * width + column;
+    for (let j = 0, at = band.place(i, 0); j < band.width; j++, at++) {
+      const v = cells[at];
+      if (v) values[start + every * j] = step * (v > 0 ? v - bias : v + bias);
     }
   }
+}
 
-  /** @param {number} factor */
-  #liftOdd(factor) {
-    const { even, odd } = this;
-    const last = even.length - 1;
-    for (let i = 0; i < odd.length; i++) odd[i] += factor * (even[i] + even[Math.min(i + 1, last)]);
+/**
+ * @param {Float64Array} values changed
+ * @param {number} height
+ * @param {number} width
+ */
+function liftColumns(values, height, width) {
+  for (let i = 0; i < height; i++) {
+    const start = i * width;
+    for (const { first, factor } of LIFTS) {
+      for (let j = first; j < width; j += 2) {
+        const before = start + (j ? j - 1 : 1);
+        const after = start + (j + 1 < width ? j + 1 : j - 1);
+        values[start + j] += factor * (values[before] + values[after]);
+      }
+    }
+  }
+}
+
+/**
+ * @param {Float64Array} values changed
+ * @param {number} height
+ * @param {number} width
+ */
+function liftRows(values, height, width) {
+  for (const { first, factor } of LIFTS) {
+    for (let i = first; i < height; i += 2) {
+      const own = i * width;
+      const before = (i ? i - 1 : 1) * width;
+      const after = (i + 1 < height ? i + 1 : i - 1) * width;
+      for (let j = 0; j < width; j++)
+        values[own + j] += factor * (values[before + j] + values[after + j]);
+    }
   }
 }

@@ -12,19 +12,20 @@ const SIDE = 12;
 export function decodeWeightMap(data, height, width) {
   if (!data.length) return null;
   const cells = decodeCells(data);
-  const rows = cellWeights(height);
-  const columns = cellWeights(width);
+  const rows = cellsAmong(height);
+  const columns = cellsAmong(width);
   const weights = new Float64Array(height * width);
-  for (let i = 0; i < height; i++) {
-    for (let j = 0; j < width; j++) {
-      const [top, down] = rows[i];
-      const [left, across] = columns[j];
-      const below = Math.min(top + 1, SIDE - 1);
+  for (let i = 0, to = 0; i < height; i++) {
+    const top = rows.before[i] * SIDE;
+    const bottom = Math.min(rows.before[i] + 1, SIDE - 1) * SIDE;
+    const down = rows.part[i];
+    for (let j = 0; j < width; j++, to++) {
+      const left = columns.before[j];
       const right = Math.min(left + 1, SIDE - 1);
-      const upper = (1 - across) * cells[top * SIDE + left] + across * cells[top * SIDE + right];
-      const lower =
-        (1 - across) * cells[below * SIDE + left] + across * cells[below * SIDE + right];
-      weights[i * width + j] = (1 - down) * upper + down * lower;
+      const across = columns.part[j];
+      const upper = (1 - across) * cells[top + left] + across * cells[top + right];
+      const lower = (1 - across) * cells[bottom + left] + across * cells[bottom + right];
+      weights[to] = (1 - down) * upper + down * lower;
     }
   }
   return weights;
@@ -48,13 +49,16 @@ function decodeCells(data) {
 }
 
 /**
- * The cell before the middle of each pixel, and how far it is on the way to the next one.
+ * The cell before the middle of each of so many pixels, and how far that is on the way to the next.
  * @param {number} count
- * @returns {[number, number][]}
  */
-function cellWeights(count) {
-  return Array.from({ length: count }, (_, i) => {
+function cellsAmong(count) {
+  const before = new Int32Array(count);
+  const part = new Float64Array(count);
+  for (let i = 0; i < count; i++) {
     const at = Math.min(Math.max(((i + 0.5) * SIDE) / count - 0.5, 0), SIDE - 1);
-    return [Math.floor(at), at - Math.floor(at)];
-  });
+    before[i] = Math.floor(at);
+    part[i] = at - before[i];
+  }
+  return { before, part };
 }
