@@ -11,6 +11,7 @@ import { parseShapeResidual } from "./shape_residual.js";
  * @property {number} width of the pictures of the call, pixels
  * @property {number} height
  * @property {number} fps
+ * @property {[number, number]} rate numerator and denominator of `fps`
  * @property {number} focalPx
  * @property {number} framesPerPacket coded frames in a frame packet
  * @property {number} startFrame source frame of the model's first coded frame
@@ -206,8 +207,8 @@ export function parseModel(sequence, payload) {
 function callParameters(fields) {
   const profile = fields.integer("p", 0, 3);
   const [width, height] = fields.pair("s", 1, 8192);
-  const [numerator, denominator] = fields.pair("r", 1, 1e6);
-  const fps = numerator / denominator;
+  const rate = fields.pair("r", 1, 1e6);
+  const fps = rate[0] / rate[1];
   check(fps >= 1e-3 && fps <= 1e3, `model packet: ${fps} frames a second`);
   const voice = fields.integer("v", 0, 4, 0);
   check(Object.values(VOICES).includes(voice), `model packet: unknown voice ${voice}`);
@@ -225,6 +226,7 @@ function callParameters(fields) {
     width,
     height,
     fps,
+    rate,
     focalPx: checkedNumber("f", fields.values.get("f"), 1, 1e6),
     framesPerPacket: fields.integer("n", 1, 64),
     startFrame: fields.integer("o", 0, 2 ** 32 - 1),

@@ -40,6 +40,14 @@ export function kindOf(packet) {
 }
 
 /**
+ * Whether a packet begins like the control packet that ends a call.
+ * @param {Uint8Array} packet
+ */
+export function isEnd(packet) {
+  return packet.length > 1 && kindOf(packet) === KINDS.CONTROL && packet[1] === EVENTS.END;
+}
+
+/**
  * The packet in bytes.  Throws `FormatError` if no encoder writes them.
  * @param {Uint8Array} data
  * @returns {Packet}

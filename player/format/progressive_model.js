@@ -40,6 +40,18 @@ export class LayerBuffer {
   }
 
   /**
+   * Remove the pieces of versions before one.
+   * @param {number} version
+   */
+  dropBefore(version) {
+    for (const [old, pieces] of this.pieces) {
+      if (old >= version) continue;
+      for (const data of pieces.values()) this.bytes -= data.length + OVERHEAD_BYTES;
+      this.pieces.delete(old);
+    }
+  }
+
+  /**
    * A model and the modes of its transform with all items received without a gap.
    * @param {ModelPacket} model
    * @param {FrameTransform | null} transform

@@ -1,7 +1,6 @@
 import { packetsOf } from "../format/call_file.js";
 import { FormatError } from "../format/errors.js";
-import { parsePacket } from "../format/packets.js";
-import { Playout } from "./playout.js";
+import { Receiver } from "./receiver.js";
 
 /** @typedef {import("./playout.js").PlayoutFrame} PlayoutFrame */
 /**
@@ -15,20 +14,15 @@ import { Playout } from "./playout.js";
  * @returns {Call}
  */
 export function readCall(file) {
-  const playout = new Playout();
   /** @type {string[]} */
   const damages = [];
+  const note = (/** @type {FormatError} */ error) => damages.push(error.message);
+  const receiver = new Receiver(note);
   /** @type {PlayoutFrame[]} */
   const frames = [];
-  const note = (/** @type {FormatError} */ error) => damages.push(error.message);
   for (const packet of packetsOf(file, note)) {
-    try {
-      frames.push(...playout.receive(parsePacket(packet)));
-    } catch (error) {
-      if (!(error instanceof FormatError)) throw error;
-      note(error);
-    }
+    frames.push(...receiver.receive({ packet, number: null, session: 0 }, 0));
   }
   if (!frames.length) throw new FormatError(damages[0] ?? "the call has no picture");
-  return { frames, isComplete: playout.ended, damages, bytes: file.length };
+  return { frames, isComplete: receiver.ended, damages, bytes: file.length };
 }

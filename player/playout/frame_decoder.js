@@ -17,10 +17,7 @@ import { PacketHistory } from "./packet_history.js";
  * A picture residual and its source frames.
  * @typedef {{data: Uint8Array, first: number, frames: number}} CodedResidual
  */
-/**
- * What a frame packet holds; without a face it shows nothing.
- * @typedef {{faces: TimedFace[], residual: CodedResidual | null, hasFace: boolean}} DecodedPacket
- */
+/** What a frame packet holds. @typedef {{faces: TimedFace[], residual: CodedResidual | null}} DecodedPacket */
 
 const THESIS_RATE_HZ = 10;
 const MAX_PARAMETER = 1e5;
@@ -32,6 +29,8 @@ export class FrameDecoder {
   constructor(model) {
     this.model = model;
     this.reference = referenceFace(model);
+    /** number of the newest packet decoded */
+    this.newest = -1;
     const { isThesis, framesPerPacket } = model.call;
     /** @type {FrameTransform | null} */
     this.transform = isThesis ? null : parseTransform(model.profileData);
@@ -51,22 +50,46 @@ export class FrameDecoder {
    * @returns {DecodedPacket}
    */
   decode(number, payload) {
-    const { hasFace, residual, face } = this.#split(payload);
-    if (!hasFace) return { faces: [], residual: null, hasFace };
-    if (!this.history) return { faces: [this.#thesisFace(number, face)], residual: null, hasFace };
+    const { residual, face } = this.#split(payload);
+    if (!this.history) return { faces: [this.#thesisFace(number, face)], residual: null };
     const frames = this.history.decode(number, face);
+    this.newest = number;
     const faces = frames.map((coded, i) => this.#timedFace(number, i, coded));
-    return { faces, residual: this.#residual(number, residual, frames.length), hasFace };
+    return { faces, residual: this.#residual(number, residual, frames.length) };
   }
 
   /**
-   * Take in a packet that comes after a later one.
-   * @param {number} number
+   * Whether a packet has a face, and not speech alone.
    * @param {Uint8Array} payload
    */
+  hasFace(payload) {
+    return this.#split(payload).hasFace;
+  }
+
+  /**
+   * Take in a packet that comes after a later one: the newest face, if it has changed.
+   * @param {number} number
+   * @param {Uint8Array} payload
+   * @returns {TimedFace | null}
+   */
   repair(number, payload) {
-    const { hasFace, face } = this.#split(payload);
-    if (hasFace) this.history?.insert(number, face);
+    const { face } = this.#split(payload);
+    if (!this.history) {
+      this.#thesisFace(number, face);
+      return null;
+    }
+    const frames = this.history.insert(number, face);
+    if (!frames) return null;
+    return this.#timedFace(this.newest, frames.length - 1, frames[frames.length - 1]);
+  }
+
+  /**
+   * Time of the last face of a packet, source frames; one at the end of a call may have fewer faces.
+   * @param {number} number
+   */
+  newestFrame(number) {
+    const [frames, packets] = this.#spacing();
+    return this.model.call.startFrame + (number * frames) / packets;
   }
 
   /**
@@ -74,13 +97,14 @@ export class FrameDecoder {
    * @param {number} frame
    */
   packetAt(frame) {
-    const { startFrame, framesPerPacket, frameStep } = this.model.call;
-    const spacing = this.history ? framesPerPacket * frameStep : this.#spacing();
-    return Math.max(0, Math.ceil((frame - startFrame) / spacing - 1e-9));
+    const [frames, packets] = this.#spacing();
+    return Math.max(0, Math.ceil(((frame - this.model.call.startFrame) * packets) / frames));
   }
 
+  /** So many source frames come with so many packets. */
   #spacing() {
-    return this.model.call.fps / THESIS_RATE_HZ;
+    const { rate, framesPerPacket, frameStep } = this.model.call;
+    return this.history ? [framesPerPacket * frameStep, 1] : [rate[0], THESIS_RATE_HZ * rate[1]];
   }
 
   /** @param {Uint8Array} payload */
@@ -104,14 +128,14 @@ export class FrameDecoder {
    * @returns {TimedFace}
    */
   #thesisFace(number, payload) {
-    const { hasEyelids, startFrame } = this.model.call;
+    const { hasEyelids } = this.model.call;
     const values = parseThesisPayload(payload, hasEyelids);
     const eau = this.reference.eau.slice();
     for (const [i, value] of values.subarray(6).entries()) eau[THESIS_EAUS[i]] = value;
     const pose = poseFromMotion(values, this.reference.pose);
     const none = new Float64Array(0);
-    const time = startFrame + number * this.#spacing();
-    return { time, face: { pose, eau, layers: none, modes: none } };
+    const face = { pose, eau, layers: none, modes: none };
+    return { time: this.newestFrame(number), face };
   }
 
   /**

@@ -31,19 +31,21 @@ export class PacketHistory {
   }
 
   /**
-   * Take in a late packet, and decode those after it again.
+   * Take in a late packet, and decode those after it again: the frames of the newest one.  Null: the
+   * packet is there already, or is older than those kept.
    * @param {number} number
    * @param {Uint8Array} payload
    */
   insert(number, payload) {
     const later = this.kept.findIndex((each) => each.number >= number);
     const place = later < 0 ? this.kept.length : later;
-    if (this.kept[place]?.number === number || (!place && this.kept.length === KEPT)) return;
+    if (this.kept[place]?.number === number || (!place && this.kept.length === KEPT)) return null;
     const chain = this.kept.slice(0, place);
     for (const each of [{ number, payload }, ...this.kept.slice(place)]) {
       chain.push(this.#decoded(chain, each.number, each.payload));
     }
     this.#keep(chain);
+    return chain[chain.length - 1].frames;
   }
 
   /** @param {Decoded[]} chain */

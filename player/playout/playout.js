@@ -26,7 +26,7 @@ import { ReceivedModels } from "./received_models.js";
 /** A packet up to so many numbers behind the newest is late. */
 const LATE_WINDOW = 16;
 /** A first frame packet farther ahead shows that the call was joined late. */
-const FIRST_WINDOW = 9;
+export const FIRST_WINDOW = 9;
 /** A packet may be at most so far ahead of the last frame. */
 const MAX_GAP_S = 600;
 
@@ -48,6 +48,8 @@ export class Playout {
     this.lostAt = null;
     /** @type {number | null} source frame from which on nobody is there */
     this.goneAt = null;
+    /** @type {Face | null} see `takeRepaired` */
+    this.repaired = null;
   }
 
   /**
@@ -93,11 +95,11 @@ export class Playout {
    * @param {number | null} exact
    */
   #receiveFrame(sequence, payload, exact) {
-    if (!this.models.current) return [];
+    if (!this.models.current?.decoder.hasFace(payload)) return [];
     const number = this.#number(sequence, this.models.current, exact);
     const { newest } = this;
     if (number <= newest) {
-      this.#repair(number, payload);
+      this.#receiveLate(number, payload);
       return [];
     }
     const { update } = this.models;
@@ -118,12 +120,43 @@ export class Playout {
   }
 
   /**
+   * Let what was decoded without this packet become exact.
    * @param {number} number
    * @param {Uint8Array} payload
    */
-  #repair(number, payload) {
+  #receiveLate(number, payload) {
     const { current } = this.models;
-    if (current && number >= current.first) current.decoder.repair(number - current.first, payload);
+    if (!current || number < current.first) return;
+    const newest = current.decoder.repair(number - current.first, payload);
+    if (!newest || !this.last || this.lostAt !== null) return;
+    this.last = newest;
+    if (this.next > newest.time) this.repaired = newest.face;
+  }
+
+  /** The face shown last as it truly was, if a late packet has told so since asked before. */
+  takeRepaired() {
+    const { repaired } = this;
+    this.repaired = null;
+    return repaired;
+  }
+
+  /**
+   * Time in the call of the last face of a frame packet, seconds, once there is a model.
+   * @param {number} number
+   */
+  timeS(number) {
+    const { current, update } = this.models;
+    const received = update && number >= update.first ? update : current;
+    if (!received) throw new Error("a call has no times before its model");
+    return received.decoder.newestFrame(number - received.first) / received.model.call.fps;
+  }
+
+  /**
+   * Do not show the source frames before one any more.
+   * @param {number} index
+   */
+  skipTo(index) {
+    this.next = Math.max(this.next, index);
   }
 
   /** @param {ReceivedModel} update */
@@ -176,7 +209,8 @@ export class Playout {
         const isFrozen = index < received.model.call.startFrame;
         frames.push(this.#frame(received, index, timed.face, { isFrozen }));
       } else if (isGap && index < timed.time) {
-        frames.push(this.#frame(received, index, bridge(last, timed, index), { isLost: true }));
+        const { face, isHeld } = bridge(last, timed, index);
+        frames.push(this.#frame(received, index, face, { isFrozen: isHeld, isLost: true }));
       } else {
         const share = (index - last.time) / (timed.time - last.time);
         frames.push(this.#frame(received, index, interpolate(last.face, timed.face, share), {}));

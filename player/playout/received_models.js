@@ -3,6 +3,7 @@ import { withPicturesOf } from "../format/model_packet.js";
 import { LayerBuffer } from "../format/progressive_model.js";
 import { FrameDecoder } from "./frame_decoder.js";
 
+/** @typedef {import("../format/model_packet.js").CallParameters} CallParameters */
 /** @typedef {import("../format/model_packet.js").ModelPacket} ModelPacket */
 /**
  * A model with its layers, what decodes its frame packets, and the number of the first of them.
@@ -22,6 +23,19 @@ export class ReceivedModels {
     /** @type {ReceivedModel | null} in use from the frame packet with its number on */
     this.update = null;
     this.layers = new LayerBuffer();
+    /** @type {{current: ModelPacket, update: ReceivedModel, next: ReceivedModel} | null} `next`, and what it is made of */
+    this.completed = null;
+  }
+
+  /** The update with the pictures that it takes over, the same object each time; null: there is none. */
+  get next() {
+    const { current, update } = this;
+    if (!current || !update) return null;
+    if (this.completed?.current !== current.model || this.completed.update !== update) {
+      const next = { ...update, model: withPicturesOf(update.model, current.model) };
+      this.completed = { current: current.model, update, next };
+    }
+    return this.completed.next;
   }
 
   /**
@@ -36,13 +50,15 @@ export class ReceivedModels {
       this.current = received();
       return;
     }
-    if (model.version <= (this.update ?? this.current).model.version) return;
-    const { call } = this.current.model;
-    const isSame = ["isThesis", "width", "height", "fps"].every(
-      (key) => /** @type {any} */ (call)[key] === /** @type {any} */ (model.call)[key],
-    );
-    check(isSame, "an update is of another call");
-    this.update = received();
+    const known = this.update ?? this.current;
+    if (model.version > known.model.version) {
+      checkUpdate(known.model.call, model.call);
+      this.update = received();
+    } else if (lacksPicturesOf(this.current.model, model)) {
+      // Who joined at an update receives the pictures before it later.
+      checkUpdate(this.current.model.call, model.call);
+      this.current = { ...this.current, model: withPicturesOf(this.current.model, model) };
+    }
   }
 
   /**
@@ -60,10 +76,11 @@ export class ReceivedModels {
 
   /** Decode frame packets by the update from now on. */
   activate() {
-    if (!this.current || !this.update) return;
-    const model = withPicturesOf(this.update.model, this.current.model);
-    this.current = { ...this.update, model };
+    const { next } = this;
+    if (!next) return;
+    this.current = next;
     this.update = null;
+    this.layers.dropBefore(next.model.version);
   }
 
   /**
@@ -74,4 +91,38 @@ export class ReceivedModels {
     const { model, modes } = this.layers.apply(received.sent, received.decoder.transform);
     return { ...received, model: withPicturesOf(model, received.model), modes };
   }
+}
+
+/**
+ * Whether a model has an empty picture that another one has.
+ * @param {ModelPacket} model
+ * @param {ModelPacket} other
+ */
+function lacksPicturesOf(model, other) {
+  const isLacking = (/** @type {"background" | "texture"} */ name) =>
+    !model[name].length && other[name].length > 0;
+  return isLacking("background") || isLacking("texture");
+}
+
+/**
+ * Throw `FormatError` if an update belongs to another call.
+ * @param {CallParameters} call
+ * @param {CallParameters} update
+ */
+function checkUpdate(call, update) {
+  const isSame = call.isThesis === update.isThesis && isSamePicture(call, update);
+  check(isSame, "an update is of another call");
+}
+
+/**
+ * Whether the pictures of two calls have the same size and rate.
+ * @param {CallParameters} one
+ * @param {CallParameters} other
+ */
+export function isSamePicture(one, other) {
+  return (
+    one.width === other.width &&
+    one.height === other.height &&
+    one.rate.every((term, i) => term === other.rate[i])
+  );
 }

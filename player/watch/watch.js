@@ -6,8 +6,8 @@ import { PlainProtection, SFrameProtection } from "../link/protection.js";
 import { runDecodeWorker } from "../page/decode_worker.js";
 import { element, fullScreenSwitch } from "../page/elements.js";
 import { FaceCanvas } from "../page/face_canvas.js";
-import { LivePlayout } from "../playout/live_playout.js";
 import { Presenter } from "../playout/presenter.js";
+import { Receiver } from "../playout/receiver.js";
 
 /** @typedef {import("../playout/playout.js").PlayoutFrame} PlayoutFrame */
 /** @typedef {import("../playout/received_models.js").ReceivedModel} ReceivedModel */
@@ -31,7 +31,7 @@ class Watch {
     this.faces = faces;
     /** @type {Presenter<PlayoutFrame>} */
     this.presenter = new Presenter();
-    this.playout = new LivePlayout();
+    this.receiver = new Receiver();
     this.delivery = this.#newDelivery();
     /** @type {WebSocket | null} */
     this.socket = null;
@@ -78,7 +78,7 @@ class Watch {
     try {
       for (const arrival of this.delivery.receive(payload, now())) {
         this.cameS = now();
-        this.#show(this.playout.receive(arrival, now()));
+        this.#show(this.receiver.receive(arrival, now()));
       }
     } catch (error) {
       if (!(error instanceof FormatError)) throw error;
@@ -87,13 +87,13 @@ class Watch {
   }
 
   #tick() {
-    this.#show(this.playout.poll(now()));
+    this.#show(this.receiver.poll(now()));
     this.#send(this.delivery.payloads(now()));
   }
 
   /** @param {PlayoutFrame[]} frames */
   #show(frames) {
-    for (const received of [...this.playout.models, ...frames.map((frame) => frame.received)]) {
+    for (const received of [...this.receiver.models, ...frames.map((frame) => frame.received)]) {
       if (this.known.has(received)) continue;
       this.known.add(received);
       this.faces.addModel(received);
@@ -113,7 +113,7 @@ class Watch {
 
   /** How it goes, in words. */
   get state() {
-    if (this.playout.playout.ended || this.delivery.hasLeft) return "The call has ended.";
+    if (this.receiver.ended || this.delivery.hasLeft) return "The call has ended.";
     if (!this.delivery.call) return "Waiting for the call ...";
     if (!this.shown) return "The face is coming ...";
     return now() - this.cameS > SILENT_S ? "Nothing comes." : "";

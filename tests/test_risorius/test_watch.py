@@ -65,7 +65,7 @@ def test_a_page_watches_a_call(
         browser.call("Page.navigate", url=place)
         _send_watched(link, recorded_call, browser)
         browser.wait("watch.shown > 0 && watch.state === 'The call has ended.'", LIMIT_S)
-        assert browser.value("watch.playout.damages") == 0
+        assert browser.value("watch.receiver.damages") == 0
         assert browser.value("watch.faces.canvas.width") > 100
         assert server.pages == 1
         # The caller calls again.
@@ -78,13 +78,15 @@ def _send_watched(link: LinkOptions, call: Path, browser: Browser) -> None:
     """Send a call as fast as the page takes it."""
     with CallReader(call) as packets, ZenohSink(link) as sink:
         sink.wait_for_peer(LIMIT_S)
-        session = f"watch.delivery.call && watch.playout.session === {browser.value(SESSIONS)} - 1"
+        session = f"watch.delivery.call && watch.receiver.session === {browser.value(SESSIONS)} - 1"
         for packet in packets:
             sink.send(packet)
             if packet_kind(packet) is PacketKind.FRAME:
                 # A frame that the link drops is asked for when a later one has come.
                 number = packet[0] % 64 - 2
-                browser.wait(f"{session} && watch.playout.playout.newest >= {number}", LIMIT_S)
+                browser.wait(
+                    f"{session} && watch.receiver.heard.playout.newest >= {number}", LIMIT_S
+                )
 
 
 def test_who_has_another_key_sees_nothing(

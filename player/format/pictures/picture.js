@@ -29,7 +29,7 @@ export const GREEN = 0.587;
 export const RED = 0.299;
 
 /** Pictures of one kind and size, each decoded in the context of those before. */
-class PictureSequence {
+export class PictureSequence {
   /**
    * @param {ProbabilityNetworks} networks
    * @param {number} kind

@@ -1,0 +1,263 @@
+// What the player makes of calls, in integers: `node played_integers.js FILE ...` writes a line of
+// JSON for each call file (.rzo) and each list of a link's events (.json); `tests/played_integers.py`
+// says what is in it.
+import { readFileSync } from "node:fs";
+import { packetsOf } from "../../player/format/call_file.js";
+import { crc32 } from "../../player/format/checksums.js";
+import {
+  changeSize,
+  isLayered,
+  parseBackground,
+  parseLayers,
+} from "../../player/format/pictures/background.js";
+import {
+  isPicture,
+  modeDecoder,
+  PictureSequence,
+  parsePictureHeader,
+} from "../../player/format/pictures/picture.js";
+import { parseTiles } from "../../player/format/residual/tile_decoder.js";
+import { Receiver } from "../../player/playout/receiver.js";
+import { bytesOf, NETWORKS } from "./vectors.js";
+
+/** @typedef {import("../../player/format/model_packet.js").CallParameters} CallParameters */
+/** @typedef {import("../../player/format/pictures/bands.js").Band} Band */
+/** @typedef {import("../../player/format/pictures/bands.js").Pyramid} Pyramid */
+/** @typedef {import("../../player/playout/playout.js").PlayoutFrame} PlayoutFrame */
+/** @typedef {import("../../player/playout/received_models.js").ReceivedModel} ReceivedModel */
+/** A frame and the event at which it was shown. @typedef {{event: number, frame: PlayoutFrame}} Shown */
+
+const FINE = 2 ** 20;
+const OF_EAU = 2 ** 12;
+const COARSE = 2 ** 10;
+const BESIDE = 0.41421356;
+
+/**
+ * @param {Iterable<number>} values
+ * @param {number} cells
+ */
+function onGrid(values, cells) {
+  return Array.from(values, (value) => Math.floor(value * cells + BESIDE));
+}
+
+/**
+ * CRC-32 of 32-bit integers, little-endian.
+ * @param {Iterable<number>[]} parts
+ */
+function crcOf(parts) {
+  return crc32(
+    parts.map((part) => {
+      const values = Int32Array.from(part);
+      return new Uint8Array(values.buffer);
+    }),
+  );
+}
+
+/** @param {Uint8Array} file */
+function playedFile(file) {
+  let damages = 0;
+  const receiver = new Receiver(() => damages++);
+  /** @type {Shown[]} */
+  const shown = [];
+  for (const packet of packetsOf(file, () => damages++)) {
+    const frames = receiver.receive({ packet, number: null, session: 0 }, 0);
+    shown.push(...frames.map((frame) => ({ event: 0, frame })));
+  }
+  return { ...played(shown), damages, ended: receiver.ended };
+}
+
+/** @param {[number, number, number | null, string][]} events */
+function playedLink(events) {
+  let damages = 0;
+  const receiver = new Receiver(() => damages++);
+  const shown = events.flatMap(([atS, session, number, digits], event) => {
+    const frames =
+      digits === undefined
+        ? receiver.poll(atS)
+        : receiver.receive({ packet: bytesOf(digits), number, session }, atS);
+    return frames.map((frame) => ({ event, frame }));
+  });
+  return { ...played(shown), damages, ended: receiver.ended };
+}
+
+/** @param {Shown[]} shown */
+function played(shown) {
+  /** @type {Map<string, number>} */
+  const models = new Map();
+  /** @type {Map<number, ReceivedModel>} */
+  const states = new Map();
+  /** @type {Map<string, number>} */
+  const residuals = new Map();
+  const frames = shown.map(({ event, frame }) => {
+    const { received, residual } = frame;
+    const model = JSON.stringify(modelIntegers(received));
+    if (!models.has(model)) models.set(model, models.size);
+    states.set(received.model.version, received);
+    if (residual) {
+      const key = Buffer.from(residual.data).toString("hex");
+      if (!residuals.has(key)) residuals.set(key, tilesCrc(frame));
+    }
+    return [event, ...frameIntegers(frame, models.get(model) ?? 0)];
+  });
+  return {
+    frames,
+    models: [...models.keys()].map((text) => JSON.parse(text)),
+    pictures: [...states.values()].map(pictureCrcs),
+    residuals: [...residuals.values()],
+  };
+}
+
+/**
+ * @param {PlayoutFrame} frame
+ * @param {number} model
+ */
+function frameIntegers({ index, timeS, isFrozen, isLost, presence, face, residual }, model) {
+  return [
+    index,
+    ...onGrid([timeS], FINE),
+    Number(isFrozen),
+    Number(isLost),
+    ...onGrid([presence], OF_EAU),
+    model,
+    ...onGrid(face.pose.rotation, FINE),
+    ...onGrid(face.pose.translation, COARSE),
+    ...onGrid(face.eau, OF_EAU),
+    face.layers.length,
+    ...onGrid(face.layers, COARSE),
+    face.modes.length,
+    ...onGrid(face.modes, COARSE),
+    ...(residual ? [residual.first, residual.frames, crc32([residual.data])] : [-1, 0, 0]),
+  ];
+}
+
+/** @param {PlayoutFrame} frame */
+function tilesCrc({ residual, received }) {
+  if (!residual) return 0;
+  const { width, height } = received.model.call;
+  const tiles = parseTiles(residual.data, width, height, residual.frames);
+  const values = [...tiles.values].sort(([a], [b]) => a - b).map(([, own]) => own);
+  return crcOf([[tiles.stepCode], tiles.flags, ...values]);
+}
+
+/** @param {CallParameters} call */
+function callIntegers(call) {
+  return [
+    Number(call.isThesis),
+    Number(call.isBt709),
+    call.width,
+    call.height,
+    ...call.rate,
+    ...onGrid([call.focalPx], COARSE),
+    call.framesPerPacket,
+    call.startFrame,
+    call.frameStep,
+    Number(call.hasEyelids),
+    call.voice,
+    ...call.sampleAspect,
+    Number(call.hasResidual),
+  ];
+}
+
+/** @param {ReceivedModel} received */
+function modelIntegers({ model, modes, decoder }) {
+  const { transform } = decoder;
+  const values = [
+    ...callIntegers(model.call),
+    model.version,
+    model.sequence,
+    Number(model.isProgressive),
+    Number(model.isExtensible),
+    ...model.aau,
+    ...onGrid(model.rotation, FINE),
+    ...onGrid(model.translation, COARSE),
+    ...model.eau,
+    model.residual.length,
+    ...model.residual,
+    crc32([model.texture]),
+    crc32([model.background]),
+  ];
+  if (!transform) return values;
+  return [
+    ...values,
+    transform.layers,
+    transform.reservedModes,
+    modes.length,
+    ...modes.map((mode) => crc32([mode])),
+    ...transform.scaleCodes,
+    ...onGrid(transform.mean, COARSE),
+    ...onGrid(transform.matrix, COARSE),
+  ];
+}
+
+/** @param {ReceivedModel} received */
+function pictureCrcs({ model, modes }) {
+  const found = [...backgroundCrcs(model), pictureCrc(model.texture)];
+  if (model.call.isThesis || !isPicture(model.texture)) return found;
+  const { height, width, weightMap } = parsePictureHeader(model.texture, "texture");
+  const decoder = modeDecoder(NETWORKS, height, width, weightMap);
+  const missing = modes.findIndex((mode) => !mode.length);
+  for (const mode of missing < 0 ? modes : modes.slice(0, missing)) {
+    found.push(modeCrc(decoder, mode));
+  }
+  return found;
+}
+
+/** @param {import("../../player/format/model_packet.js").ModelPacket} model */
+function backgroundCrcs({ background, call: { width, height } }) {
+  if (!isLayered(background)) {
+    const { mask, picture } = parseBackground(background);
+    return [mask ? crc32([mask]) : 0, pictureCrc(picture)];
+  }
+  const layers = parseLayers(background, width, height);
+  const { rows, columns } = changeSize(width, height);
+  const decoder = modeDecoder(NETWORKS, rows, columns, new Uint8Array(0));
+  return [
+    crc32([layers.mask]),
+    pictureCrc(layers.person),
+    pictureCrc(layers.scene),
+    crcOf([layers.fields.codes]),
+    ...layers.changes.map((change) => modeCrc(decoder, change)),
+    Number(layers.sceneMoves),
+    Number(layers.lightChanges),
+  ];
+}
+
+/** @param {Uint8Array} data */
+function pictureCrc(data) {
+  if (!isPicture(data)) return -1;
+  const { kind, width, height, coefficients } = parsePictureHeader(data, "picture");
+  const decoder = new PictureSequence(NETWORKS, kind, height, width, null);
+  return modeCrc(decoder, coefficients);
+}
+
+/**
+ * @param {PictureSequence} decoder
+ * @param {Uint8Array} data
+ */
+function modeCrc(decoder, data) {
+  decoder.decode(data, "picture");
+  return crcOf(decoder.last.flatMap(bandsOf));
+}
+
+/** @param {Pyramid} pyramid */
+function bandsOf({ lowpass, details }) {
+  return [lowpass, ...details.flat()].map(valuesOf);
+}
+
+/** @param {Band} band */
+function valuesOf(band) {
+  const values = new Int32Array(band.height * band.width);
+  for (let i = 0; band.cells && i < band.height; i++) {
+    const from = band.place(i, 0);
+    values.set(band.cells.subarray(from, from + band.width), i * band.width);
+  }
+  return values;
+}
+
+for (const path of process.argv.slice(2)) {
+  const data = readFileSync(path);
+  const result = path.endsWith(".json")
+    ? playedLink(JSON.parse(data.toString()))
+    : playedFile(new Uint8Array(data));
+  console.log(JSON.stringify(result));
+}
