@@ -8,6 +8,9 @@ import av
 from decoder.sinks.sound_stream import SoundStream
 from shared_model.arrays import Samples
 
+# Opus' longest packets: at few bits a second their heads would take a third of the file.
+PACKET_MS = 120
+
 
 class SoundFile:
     """A mono WebM file; a context manager, which finishes it.
@@ -18,7 +21,8 @@ class SoundFile:
 
     def __init__(self, path: Path, rate_hz: int, bits_per_second: int) -> None:
         self._container = av.open(str(path), "w")
-        self._stream = SoundStream(self._container, path.suffix, rate_hz, bits_per_second)
+        suffix = path.suffix
+        self._stream = SoundStream(self._container, suffix, rate_hz, bits_per_second, PACKET_MS)
 
     def __enter__(self) -> Self:
         return self

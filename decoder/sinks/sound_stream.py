@@ -22,6 +22,7 @@ class SoundStream:
     """A mono sound track in an open video file.
 
     suffix: of the file.  rate_hz: samples per second.  bits_per_second: of a codec that is lossy.
+    packet_ms: length of Opus' packets.
     """
 
     def __init__(
@@ -30,12 +31,15 @@ class SoundStream:
         suffix: str,
         rate_hz: int,
         bits_per_second: int = LOSSY_BPS,
+        packet_ms: int = 20,
     ) -> None:
         codec = SOUND_CODECS[suffix]
         self._container, self._rate_hz, self._written = container, rate_hz, 0
         self._stream: AudioStream = container.add_stream(codec, rate=rate_hz, layout="mono")
         if codec in ("aac", "libopus"):
             self._stream.bit_rate = bits_per_second
+        if codec == "libopus":
+            self._stream.options = {"frame_duration": str(packet_ms)}
 
     def write(self, samples: Samples) -> None:
         """Add samples, (n,) int16."""

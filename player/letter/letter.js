@@ -4,7 +4,10 @@ import { element, fullScreenSwitch } from "../page/elements.js";
 import { CallPlayer } from "./call_player.js";
 import { PlayClock } from "./clock.js";
 
-/** What the page has in it. @typedef {{script: string, data: ArrayBuffer, call: ArrayBuffer}} Contents */
+/**
+ * What the page has in it; sound: a WebM file, or nothing.
+ * @typedef {{script: string, data: ArrayBuffer, call: Uint8Array, sound: Uint8Array<ArrayBuffer>}} Contents
+ */
 
 /** Seconds by which the arrow keys go on. */
 const KEY_STEP_S = 2;
@@ -104,21 +107,30 @@ class LetterPage {
 }
 
 /**
+ * What plays a WebM file.
+ * @param {Uint8Array<ArrayBuffer>} file
+ */
+function voiceOf(file) {
+  const audio = new Audio(URL.createObjectURL(new Blob([file], { type: "audio/webm" })));
+  audio.preload = "auto";
+  return audio;
+}
+
+/**
  * Show a letter on the page.
  * @param {Contents} contents
  */
-function openLetter({ script, data, call }) {
+function openLetter({ script, data, call, sound }) {
   const message = element("message", HTMLParagraphElement);
-  const sound = document.querySelector("audio");
   try {
     const worker = new Worker(script);
     const canvas = element("picture", HTMLCanvasElement);
-    const player = new CallPlayer(canvas, new Uint8Array(call), data, worker);
+    const player = new CallPlayer(canvas, call, data, worker);
     if (!player.faces.gl) {
       message.textContent = "This browser cannot draw the letter: it has no WebGL 2.";
       return;
     }
-    const page = new LetterPage(player, sound);
+    const page = new LetterPage(player, sound.length ? voiceOf(sound) : null);
     Object.assign(window, { letter: page });
     page.run();
   } catch (error) {
