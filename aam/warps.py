@@ -107,9 +107,18 @@ class HeadWarp:
 
     def landmarks(self, shape: Array, pose: Array) -> Array:
         """(m, 2) pixels of the network's landmarks `landmark_index`."""
-        points = self._landmarks + np.tensordot(_activation(shape), self._landmark_fields, 1)
         rotation = rotation_matrix(pose)[:2] * np.exp(pose[5])
-        return np.asarray(points @ rotation.T + pose[3:5])
+        return np.asarray(self._landmark_points(shape) @ rotation.T + pose[3:5])
+
+    def landmark_depths(self, shape: Array, pose: Array) -> Array:
+        """(m,) of the same, pixels, about the head's origin, growing away from the camera."""
+        direction = rotation_matrix(pose)[2] * np.exp(pose[5])
+        return np.asarray(self._landmark_points(shape) @ direction)
+
+    def _landmark_points(self, shape: Array) -> Array:
+        """(m, 3) mm, head frame."""
+        moved = np.tensordot(_activation(shape), self._landmark_fields, 1)
+        return np.asarray(self._landmarks + moved)
 
     def displaced(self, pose: Array, step: Array) -> Array:
         """See `aam.weak_pose`."""

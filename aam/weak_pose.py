@@ -94,6 +94,24 @@ def pose_vector(pose: Pose, camera: Camera) -> Array:
     return np.concatenate([vector_from_quaternion(turn), origin, [np.log(scale)]])
 
 
+def pose_vector_at(pose: Pose, camera: Camera, point_mm: Array = PIVOT_MM) -> Array:
+    """The weak-perspective vector (6,) of a perspective pose, exact at a point (3,) of the head.
+
+    The head is turned as it is seen along the line of sight to that point.
+    """
+    place = matrix_from_quaternion(pose.rotation) @ point_mm + pose.translation_mm
+    sight, axis = place / np.linalg.norm(place), np.array([0.0, 0.0, 1.0])
+    across = np.cross(sight, axis)
+    sine = float(np.linalg.norm(across))
+    turn = across * (np.arcsin(min(sine, 1.0)) / sine if sine > 1e-9 else 1.0)
+    seen = normalise(multiply(quaternion_from_vector(turn), pose.rotation))
+    rotation = vector_from_quaternion(multiply(conjugate(np.array(FRONTAL)), seen))
+    scale = camera.focal_px / place[2]
+    vector = np.concatenate([rotation, np.zeros(2), [np.log(scale)]])
+    vector[3:5] = camera.centre + scale * place[:2] - project(vector, point_mm[None])[0]
+    return vector
+
+
 def telephoto(pose: Array, size: tuple[int, int]) -> tuple[Camera, Pose]:
     """A perspective camera and pose that project as the vector (6,) does.
 

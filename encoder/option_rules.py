@@ -26,6 +26,7 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
 THESIS_OPTIONS: Options = {
     "lids": False,
     "detector": "network",
+    "aam": None,
     "tracker": "full",
     "without": frozenset(),
     "normalise": "none",
@@ -46,6 +47,8 @@ NO_EFFECT: Mapping[tuple[str, str], tuple[str, ...]] = {
     ("without", "abs"): ("normalise", "abs", "refine"),
     ("detector", "haar"): ("lids", "refine"),
 }
+# Option -> options that have no effect where it is given.
+REPLACED: Mapping[str, tuple[str, ...]] = {"aam": ("detector",)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,11 +139,21 @@ def available_profile() -> str:
 def _check_effects(options: Options, spelling: Spelling) -> None:
     for (name, value), others in NO_EFFECT.items():
         given = options.get(name)
-        if given != value and not (isinstance(given, Collection) and value in given):
-            continue
-        defaults = {other: THESIS_OPTIONS[other] for other in others}
-        if idle := _given(options, defaults, spelling):
-            raise UserError(f"{idle[0]} has no effect with {spelling(name, given)}; leave it out")
+        is_part = isinstance(given, Collection) and not isinstance(given, str) and value in given
+        if given == value or is_part:
+            _check_idle(options, name, others, spelling)
+    for name, others in REPLACED.items():
+        if options.get(name) is not None:
+            _check_idle(options, name, others, spelling)
+
+
+def _check_idle(options: Options, name: str, others: Collection[str], spelling: Spelling) -> None:
+    """Raise `UserError` if one of the other options is given, which have no effect with `name`."""
+    defaults = {other: THESIS_OPTIONS[other] for other in others}
+    if idle := _given(options, defaults, spelling):
+        raise UserError(
+            f"{idle[0]} has no effect with {spelling(name, options.get(name))}; leave it out"
+        )
 
 
 def _check_startup(options: Options, spelling: Spelling) -> None:

@@ -78,6 +78,7 @@ class BenchSettings:
     bitrate: float = 800.0
     fps: float | None = None
     detector: str = "network"
+    aam: str | None = None
     max_frames: int | None = None
     pace: bool = True
     model_bytes: int | None = None
@@ -96,6 +97,7 @@ class BenchSettings:
         options += ["--pace" if self.pace else "--no-pace"]
         options += ["--live"] if self.live else []
         options += ["--delay", str(self.delay)] if self.delay else []
+        options += [] if self.aam is None else ["--aam", self.aam]
         options += ["--lids"] if self.lids else []
         options += [] if self.refine else ["--no-refine"]
         options += [] if self.fps is None else ["--fps", str(self.fps)]

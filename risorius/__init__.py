@@ -129,12 +129,17 @@ def info(path: str | Path) -> "CallSummary":
 
 
 def track(
-    source: str | Path, *, max_frames: int | None = None, progress: Progress | None = None
+    source: str | Path,
+    *,
+    max_frames: int | None = None,
+    progress: Progress | None = None,
+    aam: str | Path | None = None,
 ) -> "FaceTrack":
     """Track a face: per frame its pose in degrees and mm, EAUs and action units, confidence.
 
-    source: as for `encode`.  Raises `UserError` if it cannot be read or shows no face.
+    source: as for `encode`.  aam: a model of `risorius train` that finds landmarks instead of the
+    network.  Raises `UserError` if it cannot be read or shows no face.
     """
     from risorius.face_track import track
 
-    return track(str(source), max_frames, progress)
+    return track(str(source), max_frames, progress, aam=aam)

@@ -10,6 +10,7 @@ import numpy as np
 
 from encoder.capture.video_source import Capture, open_source
 from encoder.thesis.trackers import TrackingOptions, open_tracker
+from risorius.statistical_model import landmark_source
 from risorius.track_files import FORMATS
 from runtime.parallel import prefetch
 from shared_model.arrays import Array, Picture
@@ -89,17 +90,22 @@ def track(
     max_frames: int | None = None,
     progress: Progress | None = None,
     stop: Callable[[], bool] = lambda: False,
+    aam: str | Path | None = None,
 ) -> FaceTrack:
     """Track the face of a video file, image pattern, camera index or URL, until `stop`.
 
     progress: called with the number of frames so far and of all, None if that is not known.
-    Raises `UserError` if the source cannot be read or shows no face.
+    aam: a model of many faces that finds landmarks; None: the network does.
+    Raises `UserError` if the source or the model cannot be read or shows no face.
     """
+    source_of_landmarks = landmark_source(aam)
     times, faces, confidence, warnings = list[float](), list[Array](), list[float](), list[str]()
     # Reading ahead ends before the capture is closed.
     with open_source(source, square_pixels=True) as capture, closing(_frames(capture)) as frames:
         size, frame_s = (capture.width, capture.height), float(1 / capture.fps)
-        options = TrackingOptions(eyelids=True, refine_identity=False)
+        options = TrackingOptions(
+            eyelids=True, refine_identity=False, landmarks=source_of_landmarks
+        )
         active = range(len(EAUS))
         tracker = open_tracker(options, generic_head(), size, active, frame_s, warnings.append)
         for index, frame in frames:

@@ -71,6 +71,23 @@ def starts_at_eyes(warp: Warp, shape: Array, eyes_px: Array) -> list[Array]:
     ]
 
 
+def find_near(
+    model: MultiResolutionModel, picture: Picture, pose: Array, shape: Array, first_level: int = 0
+) -> FaceFit:
+    """The head of a model fitted to a face from a pose (6,) and a shape (25,) near it.
+
+    picture: (h, w, 3) uint8 BGR.  first_level: levels before it are left out.
+    """
+    window = face_window(picture, pose, window_px(model.sizes[-1]))
+    numbers = range(first_level, len(model.levels))
+    levels, warps = [model.levels[n] for n in numbers], [model.warp(n) for n in numbers]
+    start, options = window.pose_to_window(pose), SearchOptions(forced=0)
+    found = find_in_window(levels, warps, model.normalisation, window, [start], options, shape)
+    at = window.pose_to_source(found.pose)
+    landmarks = warps[-1].landmarks(found.shape, at)
+    return FaceFit(at, found.shape, landmarks, found.error, found.results)
+
+
 def find_in_window(
     levels: Sequence[AppearanceModel],
     warps: Sequence[Warp],
@@ -78,19 +95,21 @@ def find_in_window(
     window: FaceWindow,
     poses: Sequence[Array],
     options: SearchOptions,
+    start_shape: Array | None = None,
 ) -> FaceFit:
     """The same within a window, from given poses; they and landmarks in its pixels.
 
     poses: each (p,), where searches start.  The one that leaves the least at the coarsest level
-    goes on.
+        goes on.
+    start_shape: (n,) near which they start; None: at the mean shape.
     """
     whole = FaceWindow(window.picture, np.zeros(2), 1.0)
     results = list[SearchResult]()
-    pose, shape = poses[0], levels[0].shape.mean
+    pose, shape = poses[0], levels[0].shape.mean if start_shape is None else start_shape
     for number, (level, warp) in enumerate(zip(levels, warps, strict=True)):
         view = shrunk(whole, window_px(warp.size))
         luma = normalised_luma(view, normalisation)
-        if number == 0:
+        if number == 0 and start_shape is None:
             c = np.zeros(len(level.deviations))
             starts = [(view.pose_to_window(each), c) for each in poses]
         else:

@@ -7,8 +7,6 @@ from typing import Protocol
 import numpy as np
 
 from encoder.detection.landmark_indices import LANDMARK_COUNT, OUTER_EYE_CORNERS
-from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.roi import RotatedRoi, roi_from_landmarks
 from encoder.detection.several_faces import Warn, warn_of_several_faces
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.fit_results import IdentityFit
@@ -20,6 +18,7 @@ from encoder.fitting.landmark_fit import (
     landmark_model,
     personalise,
 )
+from encoder.fitting.landmark_source import ExpectedFace, LandmarkSource
 from encoder.thesis.pose_initialisation import pose_from_three_points
 from shared_model.arrays import Array, Picture
 from shared_model.geometry import pixel_from_head
@@ -41,12 +40,14 @@ class FrameMeasurement:
 
     face: pose and actuators.  points_mm: (n, 3) head frame, in this expression; n may be 0.
     pixels: (n, 2) where the points were found.  variance_px2: (n,).
+    sigma_ratio: see `LandmarkSource`.
     """
 
     face: FaceParameters
     points_mm: Array
     pixels: Array
     variance_px2: Array
+    sigma_ratio: float = 1.0
 
 
 class FrameMeasurer(Protocol):
@@ -63,7 +64,7 @@ class FrameMeasurer(Protocol):
         """The face in a frame; None where none is found.
 
         predicted: where it is expected, None: anywhere.
-        next_frame: the frame that follows, see `LandmarkTracker.update`.
+        next_frame: the frame that follows, see `LandmarkSource.update`.
         """
 
     def set_identity(self, fitted: IdentityFit) -> None:
@@ -71,7 +72,7 @@ class FrameMeasurer(Protocol):
 
 
 class LandmarkMeasurer:
-    """A `FrameMeasurer` by the landmark network.
+    """A `FrameMeasurer` by the landmarks of the network, or of a statistical model.
 
     active: actuators that may move after the first frame.
     """
@@ -81,14 +82,15 @@ class LandmarkMeasurer:
         head: Head,
         size: tuple[int, int],
         active: Sequence[int],
-        tracker: LandmarkTracker,
+        source: LandmarkSource,
         warn: Warn,
     ) -> None:
         self._head, self._size, self._active = head, size, active
-        self._tracker, self._warn = tracker, warn
+        self._source, self._warn = source, warn
         self._generic = self._model = landmark_model(head)
         self._chosen = np.arange(0, len(self._model.index), LANDMARK_STRIDE)
-        self._camera = generic_identity(head, size).camera
+        generic = generic_identity(head, size)
+        self._camera, self._aau = generic.camera, generic.identity.aau
         self.point_count = len(self._chosen)
 
     def initialise(self, frame: Picture) -> IdentityFit | None:
@@ -103,14 +105,14 @@ class LandmarkMeasurer:
     def set_identity(self, fitted: IdentityFit) -> None:
         """See `FrameMeasurer`."""
         self._model = personalise(self._generic, fitted.identity.aau, fitted.control_mm)
-        self._camera = fitted.camera
+        self._camera, self._aau = fitted.camera, fitted.identity.aau
 
     def measure(
         self, frame: Picture, predicted: FaceParameters | None, next_frame: Picture | None = None
     ) -> FrameMeasurement | None:
         """See `FrameMeasurer`."""
-        # The prediction is more reliable than the network's own previous landmarks.
-        self._tracker.set_roi(None if predicted is None else self._roi(predicted))
+        # The prediction is more reliable than the source's own previous landmarks.
+        self._source.expect(None if predicted is None else self._expected(predicted))
         points_px = self._landmarks(frame, next_frame)
         if points_px is None:
             return None
@@ -120,21 +122,22 @@ class LandmarkMeasurer:
         face = fit_landmarks(model, camera, points_px, start, self._active, iterations)
         points_mm = animated_points(model, face.eau)[self._chosen]
         left, right = (points_px[corner, :2] for corner in OUTER_EYE_CORNERS)
-        sigma_px = FILTER_LANDMARK_SIGMA * np.linalg.norm(left - right)
+        ratio = self._source.sigma_ratio
+        sigma_px = ratio * FILTER_LANDMARK_SIGMA * np.linalg.norm(left - right)
         variance_px2 = np.full(self.point_count, sigma_px**2)
         pixels = points_px[model.index[self._chosen], :2]
-        return FrameMeasurement(face, points_mm, pixels, variance_px2)
+        return FrameMeasurement(face, points_mm, pixels, variance_px2, ratio)
 
-    def _roi(self, face: FaceParameters) -> RotatedRoi:
+    def _expected(self, face: FaceParameters) -> ExpectedFace:
         points_px = np.full((LANDMARK_COUNT, 3), np.nan)
         points_px[self._model.index, :2] = pixel_from_head(
             self._camera, face.pose, animated_points(self._model, face.eau)
         )
-        return roi_from_landmarks(points_px)
+        return ExpectedFace(points_px, self._camera, face, self._aau)
 
     def _landmarks(self, frame: Picture, next_frame: Picture | None = None) -> Array | None:
-        found = self._tracker.update(frame, next_frame)
-        warn_of_several_faces(self._tracker.face_count, self._warn)
+        found = self._source.update(frame, next_frame)
+        warn_of_several_faces(self._source.face_count, self._warn)
         return None if found is None else found.points
 
 

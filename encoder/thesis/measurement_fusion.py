@@ -81,7 +81,7 @@ class MeasurementFusion:
             points[at], pixels[at] = landmarks.points_mm, landmarks.pixels
             variance[at] = factor * landmarks.variance_px2
             eau = landmarks.face.eau[self._active]
-            eau_variance[:] = factor * LANDMARK_EAU_SIGMA**2
+            eau_variance[:] = factor * (landmarks.sigma_ratio * LANDMARK_EAU_SIGMA) ** 2
         if fit is not None:
             at, pose = self._fit, fit.face.pose
             points[at] = self._face.animate(fit.face.eau)[self._fit_points]

@@ -14,12 +14,14 @@ from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity, generic_identity
 from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, landmark_model, personalise
+from encoder.fitting.landmark_source import LandmarkSource
 from encoder.thesis.detection_measurement import (
     FrameMeasurer,
     HaarMeasurer,
     LandmarkMeasurer,
 )
 from encoder.thesis.model_tracker import TRACKER_PARTS, ModelTracker
+from encoder.thesis.network_landmarks import NetworkLandmarks
 from encoder.thesis.person_texture import FitOptions
 from encoder.thesis.pose_initialisation import pose_from_three_points
 from encoder.thesis.prediction_matrix import PredictionMatrixFitter
@@ -57,7 +59,7 @@ class FaceTracker(Protocol):
     def update(self, frame: Picture, next_frame: Picture | None = None) -> FaceParameters | None:
         """Pose and actuators in a frame (h, w, 3) BGR; None where there is no face.
 
-        next_frame: the frame that follows, see `LandmarkTracker.update`; saves time only.
+        next_frame: the frame that follows, see `LandmarkSource.update`; saves time only.
         """
 
     @property
@@ -65,7 +67,7 @@ class FaceTracker(Protocol):
         """Confidence of the newest face, 0..1: 0 if there is none, or if an older one is repeated.
 
         Correlation of picture and person's texture where that is fitted, else the presence that the
-        landmark network states, else 1.
+        source of the landmarks states, else 1.
         """
 
     def take_refined_identity(self) -> IdentityFit | None:
@@ -82,13 +84,14 @@ class FaceTracker(Protocol):
 class TrackingOptions:
     """Options of `open_tracker`.
 
-    detector: one of `DETECTORS`.
+    detector: one of `DETECTORS`; has no effect with `landmarks`.
     tracker: "single" measures every frame by itself, "full" is `ModelTracker`.
     without: parts of the full tracker to leave out, some of `TRACKER_PARTS`.
     normalise: photometric normalisation of the full tracker, one of `NORMALISATIONS`.
     step: how the full tracker fits the texture, one of `FITTERS`.
     eyelids: find and send the eyelids, by the iris network.
     refine_identity: refine the identity during the call; the full tracker only.
+    landmarks: finds landmarks instead of the network; None: the detector says how.
     """
 
     detector: str = "network"
@@ -98,6 +101,7 @@ class TrackingOptions:
     step: str = "gauss-newton"
     eyelids: bool = False
     refine_identity: bool = True
+    landmarks: LandmarkSource | None = None
 
 
 def open_tracker(
@@ -118,8 +122,9 @@ def open_tracker(
     _check("part", options.without, TRACKER_PARTS)
     _check("normalisation", [options.normalise], tuple(NORMALISATIONS))
     _check("step", [options.step], tuple(FITTERS))
-    by_network = options.detector == "network"
-    landmarks = _landmark_tracker(warn, options.eyelids) if by_network else None
+    landmarks = options.landmarks
+    if landmarks is None and options.detector == "network":
+        landmarks = _network_landmarks(warn, options.eyelids)
     if options.tracker == "full":
         measurer: FrameMeasurer
         if landmarks is None:
@@ -141,13 +146,14 @@ def _check(what: str, chosen: Iterable[str], known: Sequence[str]) -> None:
             raise UserError(f"{what} {name} is unknown; choose one of {', '.join(known)}")
 
 
-def _landmark_tracker(warn: Warn, eyelids: bool) -> LandmarkTracker | None:
+def _network_landmarks(warn: Warn, eyelids: bool) -> NetworkLandmarks | None:
     try:
         folder = find_network_folder()
     except NetworkFilesMissing as error:
         warn(f"{error}; tracking with Viola-Jones' detector")
         return None
-    return LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=eyelids)
+    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=eyelids)
+    return NetworkLandmarks(tracker)
 
 
 class FixedIdentityTracker:
@@ -170,11 +176,11 @@ class LandmarkFitTracker(FixedIdentityTracker):
         head: Head,
         size: tuple[int, int],
         active: Sequence[int],
-        tracker: LandmarkTracker,
+        source: LandmarkSource,
         warn: Warn,
     ) -> None:
         self._head, self._size, self._active = head, size, active
-        self._tracker, self._warn = tracker, warn
+        self._source, self._warn = source, warn
         self._model: LandmarkModel | None = None
         self._fitted: IdentityFit | None = None
         self._last: FaceParameters | None = None
@@ -189,8 +195,8 @@ class LandmarkFitTracker(FixedIdentityTracker):
 
     def update(self, frame: Picture, next_frame: Picture | None = None) -> FaceParameters | None:
         """See `FaceTracker`."""
-        found = self._tracker.update(frame, next_frame)
-        warn_of_several_faces(self._tracker.face_count, self._warn)
+        found = self._source.update(frame, next_frame)
+        warn_of_several_faces(self._source.face_count, self._warn)
         self.confidence = 0.0 if found is None else found.score
         if found is None:
             return None

@@ -79,6 +79,17 @@ def _add_thesis_coding(parser: argparse.ArgumentParser) -> None:
         default="network",
         help="thesis profile: landmark network (default), or the thesis' Viola-Jones",
     )
+    add_statistical_model(parser, "thesis profile: ")
+
+
+def add_statistical_model(parser: argparse.ArgumentParser, where: str) -> None:
+    """Landmarks by a statistical model.  where: said before the help."""
+    parser.add_argument(
+        "--aam",
+        metavar="MODEL",
+        help=f"{where}no landmark network: the face is found by Viola-Jones and by a model of"
+        " many faces (.npz) that `risorius train` has made",
+    )
 
 
 def add_tracking(parser: argparse.ArgumentParser) -> None:

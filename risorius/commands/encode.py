@@ -139,6 +139,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
     from encoder.options import EncodeOptions
     from encoder.thesis.trackers import TrackingOptions
     from risorius.call_drawing import draw
+    from risorius.statistical_model import landmark_source
 
     over_link = arguments.output is None
     return EncodeOptions(
@@ -162,6 +163,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
             arguments.abs,
             arguments.lids,
             arguments.refine,
+            landmark_source(arguments.aam),
         ),
         pace=over_link if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from risorius.command_line.argument_types import count
-from risorius.command_line.options import SOURCE_HELP
+from risorius.command_line.options import SOURCE_HELP, add_statistical_model
 from risorius.command_line.output_checks import STANDARD, check_outputs
 from risorius.command_line.parser import INTERRUPTED, add_command
 from risorius.command_line.progress import ProgressLine, say, warn
@@ -44,6 +44,7 @@ def add_track(added: "Commands") -> None:
         choices=("csv", "openface", "json"),
         help="what to write (default: by the file's suffix, else csv)",
     )
+    add_statistical_model(parser, "")
     parser.add_argument(
         "--max-frames", type=count, metavar="N", help="stop after N frames of the source"
     )
@@ -60,7 +61,8 @@ def run_track(arguments: argparse.Namespace) -> int:
     progress_line = ProgressLine("track", sys.stderr, arguments.quiet)
     with StopOnSignal() as stop, progress_line as progress:
         try:
-            found = track(arguments.source, arguments.max_frames, stop.watch(progress), stop)
+            watched = stop.watch(progress)
+            found = track(arguments.source, arguments.max_frames, watched, stop, arguments.aam)
         except UserError as error:
             if stop():
                 raise KeyboardInterrupt from error

@@ -37,7 +37,8 @@ def test_what_is_of_the_default_profile_is_refused_without_it(
 
 
 @pytest.mark.parametrize(
-    "option", ["--detector haar", "--tracker single", "--abs matrix", "--lids", "--no-refine"]
+    "option",
+    ["--detector haar", "--aam m.npz", "--tracker single", "--abs matrix", "--lids", "--no-refine"],
 )
 def test_what_is_of_the_thesis_profile_is_refused_in_the_other(
     option: str, capsys: Capture
@@ -119,6 +120,7 @@ def test_the_choices_of_an_option_are_those_that_the_encoder_has(
         ("--tracker single --no-refine", "--no-refine"),
         ("--without abs,klt --normalise retinex", "--normalise retinex"),
         ("--detector haar --lids", "--lids"),
+        ("--aam m.npz --detector haar", "--detector haar"),
     ],
 )
 def test_options_without_effect_in_a_combination_are_refused(
@@ -129,7 +131,9 @@ def test_options_without_effect_in_a_combination_are_refused(
     assert f"{idle} has no effect with --{options.split('--')[1].split()[0]}" in error_line(capsys)
 
 
-@pytest.mark.parametrize("options", ["--tracker single --detector haar", "--without klt,ekf"])
+@pytest.mark.parametrize(
+    "options", ["--tracker single --detector haar", "--without klt,ekf", "--aam m.npz --no-refine"]
+)
 def test_options_that_go_together_are_taken(options: str) -> None:
     arguments = build_parser().parse_args(["encode", "a.mp4", "-o", "a.rzo", *options.split()])
     assert profile_of(arguments) == "thesis"

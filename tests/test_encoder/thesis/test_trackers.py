@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
+from encoder.detection.landmarks import Landmarks
 from encoder.detection.tflite import NetworkFilesMissing
+from encoder.fitting.identity import generic_identity
+from encoder.fitting.landmark_fit import landmark_model
+from encoder.fitting.landmark_source import ExpectedFace
 from encoder.thesis import trackers
 from encoder.thesis.model_tracker import ModelTracker
 from encoder.thesis.trackers import (
@@ -14,6 +18,7 @@ from encoder.thesis.trackers import (
     TrackingOptions,
     open_tracker,
 )
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 from shared_model.geometry import euler_deg, interpolate, pose_from_euler
 from shared_model.mesh import generic_head
@@ -75,6 +80,44 @@ def test_a_grey_picture_has_no_face_for_viola_jones() -> None:
     for kind in ("single", "full"):
         tracker = opened(TrackingOptions("haar", kind))
         assert tracker.update(np.full((240, 320, 3), 128, np.uint8)) is None
+
+
+class WideFace:
+    """A `LandmarkSource` that shows a head whose landmarks are a tenth further apart in x."""
+
+    face_count, sigma_ratio = 1, 2.0
+
+    def __init__(self) -> None:
+        self.expected: list[ExpectedFace | None] = []
+
+    def expect(self, face: ExpectedFace | None) -> None:
+        self.expected.append(face)
+
+    def update(self, frame: Picture, next_frame: Picture | None = None) -> Landmarks | None:
+        model = landmark_model(generic_head())
+        points = np.full((468, 3), np.nan)
+        points[model.index] = model.neutral * [0.66, -0.6, -0.6] + [160, 120, 0]
+        return Landmarks(points, 0.8)
+
+
+@pytest.mark.parametrize("kind", ["single", "full"])
+def test_landmarks_of_another_source_give_the_person_a_head_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    def missing() -> None:
+        raise NetworkFilesMissing("no landmark networks")
+
+    monkeypatch.setattr(trackers, "find_network_folder", missing)
+    source, warnings = WideFace(), list[str]()
+    tracker = opened(TrackingOptions(tracker=kind, landmarks=source), warnings)
+    noise = np.random.default_rng(1).integers(0, 255, (240, 320, 3)).astype(np.uint8)
+    assert tracker.update(noise) is not None
+    generic = generic_identity(generic_head(), (320, 240))
+    assert np.abs(tracker.fitted.identity.aau - generic.identity.aau).max() > 0.1
+    assert tracker.update(noise) is not None
+    assert not warnings
+    if kind == "full":
+        assert [face is not None for face in source.expected] == [True]
 
 
 def test_all_actuators_of_the_thesis_are_tracked() -> None:

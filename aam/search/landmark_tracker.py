@@ -1,0 +1,57 @@
+"""The landmarks of one face in a video, by a trained model and no network.
+
+The model is searched from where the face is expected (the tracker's prediction: pose and
+actuators), and where nobody says, or where it is not found there, in the whole picture.
+"""
+
+import numpy as np
+
+from aam.model import MultiResolutionModel
+from aam.search.face_finder import FaceFinder, on_network_landmarks
+from aam.search.find_face import FaceFit, find_near, is_explained
+from aam.shape_space import shape_vector
+from aam.weak_pose import pose_vector_at
+from encoder.detection.landmarks import Landmarks
+from encoder.fitting.landmark_source import ExpectedFace
+from shared_model.arrays import Array, Picture
+
+# Standard deviation of the landmarks in terms of those of the network.
+SIGMA_RATIO = 2.0
+
+
+class ModelLandmarkTracker:
+    """A `LandmarkSource` by a model that `risorius train` made."""
+
+    sigma_ratio = SIGMA_RATIO
+
+    def __init__(self, model: MultiResolutionModel) -> None:
+        self._model, self._finder = model, FaceFinder(model)
+        # Pose (6,) and shape (25,) from which the next picture is searched.
+        self._start: tuple[Array, Array] | None = None
+
+    @property
+    def face_count(self) -> int:
+        """See `LandmarkSource`."""
+        return self._finder.face_count
+
+    def expect(self, face: ExpectedFace | None) -> None:
+        """See `LandmarkSource`."""
+        self._start = None
+        if face is not None:
+            pose = pose_vector_at(face.face.pose, face.camera)
+            self._start = pose, shape_vector(face.aau, face.face.eau)
+
+    def update(self, frame: Picture, next_frame: Picture | None = None) -> Landmarks | None:
+        """See `LandmarkSource`; the score is the share of the texture that is explained."""
+        fit = self._near(frame) or self._finder.find(frame)
+        self._start = None if fit is None else (fit.pose, fit.shape)
+        if fit is None:
+            return None
+        share = float(np.clip(1 - fit.error, 0, 1))
+        return Landmarks(on_network_landmarks(self._model, fit), share)
+
+    def _near(self, frame: Picture) -> FaceFit | None:
+        if self._start is None:
+            return None
+        fit = find_near(self._model, frame, *self._start)
+        return fit if is_explained(self._model, fit) else None
