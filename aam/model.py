@@ -23,6 +23,7 @@ class AppearanceModel:
         one after the other.
     additive: (p + M, k) Psi of eq. 2.27; the step is its negative.
     project_out: (p + n_s, k) predicts the step of pose and p_s from a texture less the mean.
+    regressed: (p + M, k) as `additive`, by regression on displacements that were drawn.
     Matrices that were not trained have no rows.
     """
 
@@ -34,6 +35,7 @@ class AppearanceModel:
     cascade: Single
     additive: Single
     project_out: Single
+    regressed: Single
 
     @property
     def deviations(self) -> Array:

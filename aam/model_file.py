@@ -21,7 +21,7 @@ from shared_model.errors import UserError, cannot_read, cannot_write
 
 FORMAT, VERSION = "risorius-aam", 1
 _PARTS = ("shape", "texture", "combined")
-_MATRICES = ("cascade", "additive", "project_out")
+_MATRICES = ("cascade", "additive", "project_out", "regressed")
 
 
 def write_model(path: Path, model: MultiResolutionModel) -> None:
@@ -96,6 +96,9 @@ def _level(arrays: dict[str, Any], number: int, values: dict[str, Any]) -> Appea
         analysis = arrays[f"{number}/shape_analysis"] if part == "shape" else None
         return LinearModel(mean, modes, variances, float(values[f"{part}_total"]), analysis)
 
+    texels = arrays[f"{number}/texture_mean"].size
+    # Models that were trained without it are searched without it.
+    arrays.setdefault(f"{number}/regressed", np.zeros((0, texels), np.float32))
     low, high = values["contrast"]
     return AppearanceModel(
         linear("shape"),
@@ -118,6 +121,7 @@ def _check(level: AppearanceModel, pose_names: tuple[str, ...], texels: int) -> 
         "cascade": (level.cascade, (len(level.cascade), poses + both, texels)),
         "additive": (level.additive, (poses + both, texels)),
         "project_out": (level.project_out, (poses + shapes, texels)),
+        "regressed": (level.regressed, ((poses + both) * bool(len(level.regressed)), texels)),
     }
     for name, (array, shape) in expected.items():
         if array.shape != shape:

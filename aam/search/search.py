@@ -8,7 +8,7 @@ from aam.model import AppearanceModel, residual, texture_at
 from aam.warps import Warp
 from shared_model.arrays import Array, Single
 
-METHODS = ("cascade", "additive", "project-out")
+METHODS = ("cascade", "regression", "additive", "project-out")
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +17,8 @@ class SearchOptions:
 
     method: "cascade": the trained stages, one after the other, then additive steps; or additive
         steps from the start, whichever leaves the smaller residual.
-        "additive": the thesis' scheme, steps by one matrix.
+        "regression": steps by the regressed matrix, which sees farther, and then additive ones.
+        "additive": the thesis' scheme, steps by one matrix, that of eq. 2.27.
         "project-out": inverse-compositional steps of pose and shape; the texture follows.
     iterations: at most, of one matrix.
     forced: first iterations whose step is taken whatever the error becomes.
@@ -59,8 +60,10 @@ def search(
     """
     if options.method == "cascade":
         return _cascade(model, warp, luma, pose, c, options)
+    if options.method == "regression":
+        return _regression(model, warp, luma, pose, c, options)
     if options.method == "additive":
-        return _additive(model, warp, luma, pose, c, options)
+        return _stepwise(model, model.additive, warp, luma, pose, c, options)
     return _project_out(model, warp, luma, pose, c, options)
 
 
@@ -74,23 +77,39 @@ def _cascade(
         at = warp.displaced(at, step[: len(at)])
         parameters = np.clip(parameters + step[len(at) :], -bound, bound)
         path.append((at, parameters))
-    polished = _additive(model, warp, luma, at, parameters, replace(options, forced=0))
-    direct = _additive(model, warp, luma, pose, c, options)
+    unforced = replace(options, forced=0)
+    polished = _stepwise(model, model.additive, warp, luma, at, parameters, unforced)
+    direct = _stepwise(model, model.additive, warp, luma, pose, c, options)
     if direct.error < polished.error:
         return direct
     return replace(polished, path=(*path, *polished.path[1:]))
 
 
-def _additive(
+def _regression(
     model: AppearanceModel, warp: Warp, luma: Single, pose: Array, c: Array, options: SearchOptions
 ) -> SearchResult:
-    """Steps 1 to 6 of thesis 3.1."""
+    far = _stepwise(model, model.regressed, warp, luma, pose, c, options)
+    unforced = replace(options, forced=0)
+    near = _stepwise(model, model.additive, warp, luma, far.pose, far.c, unforced)
+    return replace(near, path=(*far.path, *near.path[1:]))
+
+
+def _stepwise(
+    model: AppearanceModel,
+    matrix: Single,
+    warp: Warp,
+    luma: Single,
+    pose: Array,
+    c: Array,
+    options: SearchOptions,
+) -> SearchResult:
+    """Steps 1 to 6 of thesis 3.1, by one matrix (p + M, k)."""
     bound, path = options.limit * model.deviations, [(pose, c)]
     at = residual(model, warp, luma, pose, c)
     error = float((at**2).mean())
     best = SearchResult(pose, c, error, ())
     for number in range(options.iterations):
-        step = -(model.additive @ at).astype(np.float64)
+        step = -(matrix @ at).astype(np.float64)
         for share in options.damping:
             trial_pose = warp.displaced(pose, share * step[: len(pose)])
             trial_c = np.clip(c + share * step[len(pose) :], -bound, bound)

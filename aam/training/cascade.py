@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from aam.model import AppearanceModel, residual, texture_at
-from aam.training.faces import TrainingFace, rescaled
+from aam.training.faces import TrainingFace, rescaled, second_half
 from aam.training.ridge import fit_ridge
 from aam.warps import Warp, pose_from_eyes
 from runtime.parallel import parallel_map
-from shared_model.arrays import Array, Indices, Mask, Single
+from shared_model.arrays import Array, Indices, Single
 
 # Errors of a start: shift in terms of the distance between the eyes (every other start is a far
 # one), logarithm of the scale, rotations.
@@ -84,7 +84,7 @@ def train_stage(
     pairs = zip(states.face, states.pose, strict=True)
     turns = np.array([warp.step_between(pose, faces[i].pose) for i, pose in pairs])
     targets = np.hstack([turns, truth[states.face] - states.c])
-    weights, predicted = fit_ridge(rows, targets, _second_half(faces)[states.face])
+    weights, predicted = fit_ridge(rows, targets, second_half(faces)[states.face])
     count, bound = len(warp.pose_names), LIMIT * model.deviations
     moved = zip(states.pose, predicted[:, :count], strict=True)
     pose = np.array([warp.displaced(pose, step) for pose, step in moved])
@@ -135,10 +135,3 @@ def residuals(
 
     parallel_map(fill, range(0, len(found), _CHUNK), None)
     return found
-
-
-def _second_half(faces: Sequence[TrainingFace]) -> Mask:
-    """(faces,) whether the person is in the second half of the people."""
-    people = sorted({face.person for face in faces})
-    half = {person: number % 2 == 1 for number, person in enumerate(people)}
-    return np.array([half[face.person] for face in faces])

@@ -11,7 +11,7 @@ from aam.annotation.annotation_file import read_annotations
 from aam.sampling import normalised_luma, window_px
 from aam.window import FaceWindow, shrunk
 from runtime.parallel import parallel_map
-from shared_model.arrays import Array, Single
+from shared_model.arrays import Array, Mask, Single
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,3 +84,10 @@ def rescaled(pose: Array, ratio: float) -> Array:
     moved[..., -3:-1] = (moved[..., -3:-1] + 0.5) * ratio - 0.5
     moved[..., -1] += np.log(ratio)
     return moved
+
+
+def second_half(faces: Sequence[TrainingFace]) -> Mask:
+    """(faces,) whether the person is in the second half of the people."""
+    people = sorted({face.person for face in faces})
+    half = {person: number % 2 == 1 for number, person in enumerate(people)}
+    return np.array([half[face.person] for face in faces])

@@ -1,4 +1,7 @@
-"""Ridge regression on principal components, its ridge chosen on people that were left out."""
+"""Ridge regression on principal components or on moments, its ridge chosen on people left out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,6 +11,8 @@ from shared_model.arrays import Array, Mask, Single
 RIDGES = (3.0, 10.0, 30.0, 100.0)
 # Components that are regressed on: a ridge leaves hardly anything of further ones.
 COMPONENTS = 400
+# The same for weighted moments, in terms of the mean square of a column of the rows.
+MOMENT_RIDGES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 # Further directions of the search for components, its seed and iterations.
 _OVERSAMPLING, _SEED, _ITERATIONS = 20, 5, 2
 
@@ -41,6 +46,59 @@ def fit_ridge(
     assert best is not None
     weights = _solve(moments[0] + moments[1], best[1] * unit) * scale
     return np.asarray(basis @ weights.astype(np.float32), np.float32), best[2] * scale
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moments:
+    """Of rows (N, q) and targets (N, m): rows' rows (q, q), rows' targets (q, m)."""
+
+    squares: Array
+    products: Array
+
+    @classmethod
+    def of(cls, rows: Single, targets: Array) -> "Moments":
+        """Of rows (N, q) and targets (N, m)."""
+        squares = np.asarray(rows.T @ rows, np.float64)
+        return cls(squares, rows.T.astype(np.float64) @ targets)
+
+    def loss(self, weights: Array) -> Array:
+        """(m,) squared errors of targets ~ rows @ weights (q, m), less those of no prediction."""
+        return np.asarray((weights * (self.squares @ weights - 2 * self.products)).sum(0))
+
+    def ridge(self, ridge: float) -> Array:
+        """(q, m) weights.  ridge: in terms of the mean square of a column."""
+        unit = np.trace(self.squares) / len(self.squares)
+        return np.asarray(
+            np.linalg.solve(self.squares + ridge * unit * np.eye(len(self.squares)), self.products)
+        )
+
+
+def weighted_moments(parts: Sequence[Moments], weights: Sequence[float], targets: slice) -> Moments:
+    """The moments of all parts, each counted by its weight, of some of the targets."""
+    pairs = list(zip(parts, weights, strict=True))
+    return Moments(
+        np.asarray(sum(weight * each.squares for each, weight in pairs)),
+        np.asarray(sum(weight * each.products[:, targets] for each, weight in pairs)),
+    )
+
+
+def ridge_by_halves(
+    groups: Sequence[tuple[Moments, Moments]], weights: Sequence[float], targets: slice
+) -> Array:
+    """(q, m) weights of both halves of each group; each target by the ridge that leaves the least
+    of the half that was left out.
+    """
+    first, second = (
+        weighted_moments([group[half] for group in groups], weights, targets) for half in (0, 1)
+    )
+    both = weighted_moments([first, second], [1.0, 1.0], slice(None))
+    best, found = np.full(both.products.shape[1], np.inf), np.zeros(both.products.shape)
+    for ridge in MOMENT_RIDGES:
+        loss = first.loss(second.ridge(ridge)) + second.loss(first.ridge(ridge))
+        better = loss < best
+        if better.any():
+            found[:, better], best[better] = both.ridge(ridge)[:, better], loss[better]
+    return found
 
 
 def principal_directions(rows: Single, count: int) -> Single:

@@ -9,6 +9,7 @@ from aam.model import AppearanceModel, MultiResolutionModel, texture_at
 from aam.pca import components_under_metric, principal_components, without_first
 from aam.texture_frame import FRAMES
 from aam.training.cascade import SearchStates, finer_states, first_states, train_stage
+from aam.training.drawn_displacements import regressed_matrix
 from aam.training.faces import AnnotatedFace, TrainingFace, at_resolution, mirrored_face
 from aam.training.prediction import additive_matrix, project_out_matrix
 from aam.warps import Warp, head_warp
@@ -42,6 +43,7 @@ class TrainingOptions:
     shape_weight: factor on W_s; 1: the ratio of the variances (2.4.2).
     normalisation: see `normalised_luma`.  mirror: train on mirror images as well.
     cascade: train the cascade of matrices too, which takes most of the time.
+    regression: train the regressed matrix too, beside that of eq. 2.27.
     seed: of what is drawn at random.
     """
 
@@ -53,6 +55,7 @@ class TrainingOptions:
     normalisation: str = "retinex"
     mirror: bool = True
     cascade: bool = True
+    regression: bool = True
     seed: int = 1
 
     def __post_init__(self) -> None:
@@ -110,7 +113,7 @@ def train_levels(
             matrix, states = train_stage(model, warp, prepared, truth, states)
             matrices.append(matrix)
             progress((done + 0.8 * (stage + 1) / stages * WORK[warp.size]) / total)
-        levels.append(_with_matrices(model, warp, prepared, truth, matrices))
+        levels.append(_with_matrices(model, warp, prepared, truth, matrices, options))
         before = prepared
         done += WORK[warp.size]
         progress(done / total)
@@ -139,7 +142,9 @@ def combined_model(
     both = without_first(both, options.discard)
     empty = np.zeros((0, 0), np.float32)
     none = np.zeros((0, len(warp.pose_names) + len(both.modes), len(warp.rows)), np.float32)
-    model = AppearanceModel(shape, texture, weight, both, (0.0, 0.0), none, empty, empty)
+    model = AppearanceModel(
+        shape, texture, weight, both, (0.0, 0.0), none, empty, empty, none[0:0, 0]
+    )
     truth = model.parameters_of(shapes, textures)
     left = textures - model.texture_of(truth)
     explained = 1 - (left**2).mean(1)
@@ -174,12 +179,18 @@ def _with_matrices(
     faces: Sequence[TrainingFace],
     truth: Array,
     cascade: Sequence[Single],
+    options: TrainingOptions,
 ) -> AppearanceModel:
     chosen = np.linspace(0, len(faces) - 1, min(len(faces), DIFFERENTIATED_FACES)).astype(int)
     some = [faces[index] for index in chosen]
+    regressed = model.regressed
+    if options.regression:
+        random = np.random.default_rng(options.seed)
+        regressed = regressed_matrix(model, warp, faces, truth, random)
     return replace(
         model,
         cascade=np.array(cascade) if cascade else model.cascade,
+        regressed=regressed,
         additive=additive_matrix(model, warp, some, truth[chosen]),
         project_out=project_out_matrix(model, warp, some),
     )

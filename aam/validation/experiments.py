@@ -13,7 +13,7 @@ from aam.validation.contenders import Contender, train_head, train_planar
 from aam.validation.first_frames import FirstFrames, TruePicture, first_frames
 from aam.validation.model_experiments import mode_counts, specificity
 from aam.validation.plots import prediction_plot
-from aam.validation.prediction_experiments import parameter_curves, pose_curves
+from aam.validation.prediction_experiments import Matrix, parameter_curves, pose_curves
 from aam.validation.samples import Sample, split_people
 from aam.validation.search_experiments import Generalisation, best_possible, generalisation
 from aam.validation.search_time import search_time
@@ -140,36 +140,41 @@ def speed_part(pair: dict[str, Contender], test: Sequence[Sample]) -> str:
 def prediction_part(
     pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]
 ) -> tuple[str, dict[str, str]]:
-    """Displaced pose and parameters (Tables 2.5, 2.6; Fig. 2.20 to 2.22)."""
+    """Displaced pose and parameters (Tables 2.5, 2.6; Fig. 2.20 to 2.22), by either matrix."""
     step = max(len(train) // DISPLACED_FACES, 1)
-    known, new = train[::step], test[:DISPLACED_FACES]
-    level = len(pair["head"].levels) - 1
+    sets = {"training set": train[::step], "new people": test[:DISPLACED_FACES]}
+    finest = len(pair["head"].levels) - 1
+    ways = {"eq. 2.27": Matrix(finest, False), "regression": Matrix(finest, True)}
+    both = [(f"{way}, {name}", ways[way], own) for way in ways for name, own in sets.items()]
     pose = {
-        name: {
-            "training set": pose_curves(each, known, level),
-            "new people": pose_curves(each, new, level),
-        }
+        name: {label: pose_curves(each, own, matrix) for label, matrix, own in both}
         for name, each in pair.items()
     }
-    parameters = {name: parameter_curves(each, known, level) for name, each in pair.items()}
-    wide = pose_curves(pair["head"], known, level, wide=True)
-    coarse = pose_curves(pair["head"], known, 0, wide=True)
+    parameters = {
+        f"{name}, {label}": parameter_curves(each, own, matrix)
+        for name, each in pair.items()
+        for label, matrix, own in both
+    }
+    coarse = Matrix(0, True)
+    both.append(("regression, training set, coarsest level", coarse, sets["training set"]))
+    wide = {label: pose_curves(pair["head"], own, at, wide=True) for label, at, own in both}
     text = "\n".join(
         [
             "## Prediction of displaced pose\n",
             tables.pose_table(pose),
-            "Linear range of rotations, finest level:\n",
+            "Linear range of rotations, head, degrees:\n",
             tables.range_table(wide),
-            "Coarsest level:\n",
-            tables.range_table(coarse),
             "## Prediction of displaced c\n",
             tables.parameter_table(parameters),
         ]
     )
+    known = {way: f"{way}, training set" for way in ways}
     plots = {
-        "pose.svg": prediction_plot(pose["head"]),
-        "rotations.svg": prediction_plot({"finest level": wide, "coarsest level": coarse}),
-        "c.svg": prediction_plot(parameters, columns=4),
+        "pose.svg": prediction_plot({way: pose["head"][label] for way, label in known.items()}),
+        "rotations.svg": prediction_plot({way: wide[label] for way, label in known.items()}),
+        "c.svg": prediction_plot(
+            {way: parameters[f"head, {label}"] for way, label in known.items()}, columns=4
+        ),
     }
     return text, plots
 

@@ -21,6 +21,14 @@ SIGMAS = (-0.8, -0.4, 0.4, 0.8)
 C_COUNT = 8
 
 
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """Which matrix predicts: at which level, by regression or by eq. 2.27."""
+
+    level: int
+    is_regressed: bool
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictionCurve:
     """One parameter, displaced.
@@ -63,9 +71,10 @@ class PredictionCurve:
 
 
 def pose_curves(
-    contender: Contender, samples: Sequence[Sample], level: int, wide: bool = False
+    contender: Contender, samples: Sequence[Sample], matrix: Matrix, wide: bool = False
 ) -> list[PredictionCurve]:
     """A curve for each parameter of the pose; `wide`: rotations of the head alone, Fig. 2.22."""
+    level = matrix.level
     warp, curves = contender.warps[level], []
     for index, name in enumerate(warp.pose_names):
         if name in ("tx", "ty"):
@@ -79,30 +88,32 @@ def pose_curves(
             angles = WIDE_ANGLES_DEG if wide else ANGLES_DEG
             steps, shown, unit = np.radians(angles), 180 / np.pi, "deg"
         if not wide or unit == "deg":
-            predicted = _predicted(contender, samples, level, index, steps)
+            predicted = _predicted(contender, samples, matrix, index, steps)
             curves.append(PredictionCurve(name, unit, steps * shown, predicted * shown))
     return curves
 
 
 def parameter_curves(
-    contender: Contender, samples: Sequence[Sample], level: int
+    contender: Contender, samples: Sequence[Sample], matrix: Matrix
 ) -> list[PredictionCurve]:
     """A curve for each of the first combined parameters (Table 2.6)."""
+    level = matrix.level
     poses, curves = len(contender.warps[level].pose_names), []
     deviations = contender.levels[level].deviations
     for number, sigma in enumerate(deviations[:C_COUNT]):
         steps = np.array(SIGMAS) * sigma
-        predicted = _predicted(contender, samples, level, poses + number, steps)
+        predicted = _predicted(contender, samples, matrix, poses + number, steps)
         curves.append(PredictionCurve(f"c{number}", "sigma", steps / sigma, predicted / sigma))
     return curves
 
 
 def _predicted(
-    contender: Contender, samples: Sequence[Sample], level: int, index: int, steps: Array
+    contender: Contender, samples: Sequence[Sample], matrix: Matrix, index: int, steps: Array
 ) -> Array:
-    """(d, faces) displacements of one parameter that the additive matrix sees."""
-    model, warp = contender.levels[level], contender.warps[level]
-    poses, row = len(warp.pose_names), model.additive[index]
+    """(d, faces) displacements of one parameter that the matrix sees."""
+    model, warp = contender.levels[matrix.level], contender.warps[matrix.level]
+    poses = len(warp.pose_names)
+    row = (model.regressed if matrix.is_regressed else model.additive)[index]
 
     def one(number: int) -> list[float]:
         face = faces[number]
@@ -115,5 +126,5 @@ def _predicted(
             found.append(float(row @ residual(model, warp, face.luma, pose, c + step[poses:])))
         return found
 
-    faces = contender.prepared(samples, level)
+    faces = contender.prepared(samples, matrix.level)
     return np.array(parallel_map(one, range(len(faces)), None)).T

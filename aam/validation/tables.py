@@ -42,14 +42,14 @@ def pose_table(curves: Mapping[str, Mapping[str, Sequence[PredictionCurve]]]) ->
     return table(["AAM", "parameter", "unit", "thesis", *sets], rows)
 
 
-def range_table(curves: Sequence[PredictionCurve]) -> str:
-    """Linear ranges of rotations (Fig. 2.22)."""
+def range_table(curves: Mapping[str, Sequence[PredictionCurve]]) -> str:
+    """Linear ranges of rotations (Fig. 2.22), by what predicts and of whom."""
     thesis = {"rx": "-30 to 10", "ry": "-20 to 20", "rz": "-15 to 15"}
-    rows = [
-        [each.name, thesis[each.name], "{:.0f} to {:.0f}".format(*each.linear_range)]
-        for each in curves
-    ]
-    return table(["rotation", "thesis, deg", "here, deg"], rows)
+    names = [each.name for each in next(iter(curves.values()))]
+    rows = [["thesis", *(thesis[name] for name in names)]]
+    for label, own in curves.items():
+        rows.append([label, *("{:.0f} to {:.0f}".format(*each.linear_range) for each in own)])
+    return table(["prediction", *names], rows)
 
 
 def parameter_table(curves: Mapping[str, Sequence[PredictionCurve]]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from aam_faces import synthetic_faces, write_annotations
 
-from aam.model import MultiResolutionModel, texture_at
+from aam.model import MultiResolutionModel, residual, texture_at
 from aam.model_file import read_model, write_model
 from aam.pca import principal_components
 from aam.search.face_finder import on_network_landmarks
@@ -16,9 +16,10 @@ from aam.search.find_face import find_from_eyes, find_in_window, is_explained
 from aam.search.search import METHODS, SearchOptions
 from aam.search.weighted_search import SEARCH_WEIGHT, weighted_landmarks
 from aam.training.cascade import NEAR_SHIFT, TURN_SIGMA_RAD, first_states
+from aam.training.drawn_displacements import Smoothing, pose_reach
 from aam.training.faces import at_resolution, mirrored_face, read_faces, rescaled
 from aam.training.report import person_residuals, write_report
-from aam.training.ridge import fit_ridge
+from aam.training.ridge import MOMENT_RIDGES, Moments, fit_ridge, ridge_by_halves
 from aam.training.train import TrainingOptions, combined_model, train
 from aam.warps import head_warp, pose_from_eyes
 from risorius.cli import main
@@ -122,6 +123,46 @@ def test_a_ridge_is_chosen_by_what_it_predicts_of_the_other_half(columns: int) -
     }
     assert float(((predicted - targets) ** 2).mean()) == pytest.approx(min(error.values()))
     assert min(error.values()) < 0.8 * float((targets**2).mean())
+
+
+def test_a_ridge_of_moments_is_chosen_for_each_target_by_the_other_half() -> None:
+    random = np.random.default_rng(3)
+    rows = random.normal(0, 1, (80, 30)).astype(np.float32)
+    clear = rows[:, :1] + random.normal(0, 0.01, (80, 1))
+    targets = np.hstack([clear, random.normal(0, 1, (80, 1))])
+    halves = Moments.of(rows[:40], targets[:40]), Moments.of(rows[40:], targets[40:])
+    found = ridge_by_halves([halves], [1.0], slice(None))
+    whole = Moments.of(rows, targets)
+    np.testing.assert_allclose(found[:, 0], whole.ridge(MOMENT_RIDGES[0])[:, 0], atol=1e-5)
+    np.testing.assert_allclose(found[:, 1], whole.ridge(MOMENT_RIDGES[-1])[:, 1], atol=1e-5)
+    twice = ridge_by_halves([halves, halves], [0.5, 0.5], slice(0, 1))
+    np.testing.assert_allclose(twice, found[:, :1], atol=1e-5)
+
+
+def test_smoothed_weights_do_what_weights_of_smoothed_samples_do() -> None:
+    random, warp = np.random.default_rng(3), head_warp(64, "full")
+    smooth, texture = Smoothing(warp), random.normal(0, 1, len(warp.rows)).astype(np.float32)
+    samples = smooth.sampled(texture)
+    weights = random.normal(0, 1, (2, len(samples)))
+    np.testing.assert_allclose(smooth.spread(weights) @ texture, weights @ samples, atol=1e-4)
+
+
+def test_the_regressed_matrix_sees_how_far_strangers_are_displaced(
+    model: MultiResolutionModel,
+) -> None:
+    level, warp = model.levels[1], model.warp(1)
+    prepared = at_resolution(STRANGERS, warp.size, "none")
+    for index, reach in enumerate(pose_reach(warp)):
+        seen = []
+        for face in prepared:
+            texture = texture_at(warp, face.luma, face.shape, face.pose)
+            c = level.parameters_of(face.shape, texture)
+            for share in (-0.8, -0.4, 0.4, 0.8):
+                pose = warp.displaced(face.pose, share * reach * np.eye(6)[index])
+                left = residual(level, warp, face.luma, pose, c)
+                seen.append(float(level.regressed[index] @ left) / reach / share)
+        assert 0.7 < np.mean(seen) < 1.2
+        assert np.std(seen) < 0.5
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -247,6 +288,9 @@ def test_what_is_no_model_is_refused(model: MultiResolutionModel, tmp_path: Path
         np.savez(path, **{**arrays, **change})
         with pytest.raises(UserError, match="no model"):
             read_model(path)
+    older = {name: array for name, array in arrays.items() if "regressed" not in name}
+    np.savez(path, **older)
+    assert read_model(path).levels[1].regressed.shape[0] == 0
     del arrays["0/texture_mean"]
     np.savez(path, **arrays)
     with pytest.raises(UserError, match="texture_mean"):

@@ -145,7 +145,7 @@ def test_additive_search_finds_new_faces_and_tables_tell(pair: dict[str, Contend
         still = generalisation(contender, TEST, replace(options, iterations=0), False, 1)
         assert found.nme.mean() < still.nme.mean()
     text = search_part(pair, TRAIN, TEST)
-    assert text.count("| head |") == text.count("| 2D |") == 6
+    assert text.count("| head |") == text.count("| 2D |") == 2 * len(METHODS)
     assert "displaced start, project-out" in text
 
 
