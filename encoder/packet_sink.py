@@ -22,7 +22,7 @@ def open_packet_sink(
     """The sink for `options`, with a copy for its monitor, closed with `stack`.
 
     on_message: see `SessionCallbacks`.
-    Raises `UserError` if it cannot be written, or nobody is there within the time to wait.
+    Raises `UserError` if it cannot be written, or there is no link.
     """
     sink = _open_packet_sink(options, stack, on_message)
     return sink if options.monitor is None else MonitoredSink(sink, options.monitor)
@@ -42,11 +42,9 @@ def _open_packet_sink(
         options.wait_for_peer_s or options.connect_timeout_s,
         options.lossless,
         security=options.security,
+        rate_bps=options.startup_bitrate,
     )
-    sink = stack.enter_context(open_link_sink(link, on_message))
-    if options.wait_for_peer_s:
-        sink.wait_for_peer(options.wait_for_peer_s)
-    return sink
+    return stack.enter_context(open_link_sink(link, on_message))
 
 
 class ForwardingSink(PacketSink):
@@ -64,6 +62,10 @@ class ForwardingSink(PacketSink):
     def quality(self) -> LinkQuality:
         """That of the other sink."""
         return self._sink.quality
+
+    def wait_for_peer(self, timeout_s: float) -> None:
+        """Wait for a decoder of the other sink."""
+        self._sink.wait_for_peer(timeout_s)
 
     def send(self, packet: bytes) -> None:
         """Send one packet."""

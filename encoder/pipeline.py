@@ -7,6 +7,7 @@
 Each is a session of `encoder.calls`; thesis and live ones are a `CallSession`.
 """
 
+import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import replace
@@ -48,6 +49,8 @@ from shared_model.arrays import Array, Picture
 from shared_model.errors import NO_FACE, UserError
 from shared_model.mesh import generic_head
 
+_log = logging.getLogger(__name__)
+
 # The user is told of every so many frames of the third pass.
 TOLD_INTERVAL = 25
 
@@ -81,9 +84,12 @@ def encode(
         check_delay(options.delay_s, options.live or capture.is_live)
         voice = _open_voice(options, stats)
         sink = open_packet_sink(options, stack, on_message)
+        is_live = options.profile == "default" and (options.live or capture.is_live)
+        if not is_live:
+            _wait_for_peer(options, sink)
         if options.profile == "thesis":
             encode_thesis(options, capture, sink, stats, callbacks, voice)
-        elif options.live or capture.is_live:
+        elif is_live:
             encode_live(options, capture, sink, stats, callbacks, voice)
         else:
             encode_two_pass(options, capture, sink, stats, callbacks, voice)
@@ -130,7 +136,6 @@ def encode_live(
 ) -> None:
     """Fit, code and send every frame as it comes."""
     gop = _gop(options, capture)
-    packets = PacketSender(sink, stats, _pacer(options, sink, gop, capture), capture.times, voice)
     waits_for_modes = not (options.two_way or options.low_delay)
     pacing = pacing_of(capture.is_live, options.pace, options.delay_s, waits_for_modes)
     budget = budget_for("live", options.model_bytes)
@@ -141,11 +146,23 @@ def encode_live(
             with dropping_frames(capture):
                 learner.warm_up(capture.format, gop)
             callbacks.on_preparing("")
+            _log.info("warmed up")
+        # Whoever comes finds an encoder that is ready.
+        with dropping_frames(capture):
+            _wait_for_peer(options, sink)
+        pacer = _pacer(options, sink, gop, capture)
+        packets = PacketSender(sink, stats, pacer, capture.times, voice)
         shown = _shown_face(callbacks.other_face, capture, gop, budget)
         session = LiveEncoder(
             capture, packets, stats, settings, learner, pacing, shown, callbacks.events
         )
         run_session(session, packets, options, capture, stats, callbacks)
+
+
+def _wait_for_peer(options: EncodeOptions, sink: PacketSink) -> None:
+    """Wait for a decoder, if the user wants that.  Raises `UserError` if none has come in time."""
+    if options.wait_for_peer_s:
+        sink.wait_for_peer(options.wait_for_peer_s)
 
 
 def _shown_face(
@@ -332,7 +349,7 @@ def _pacer(
     rate_bps = startup_rate(link_bps, limit_bps, options.bitrate, packets_per_s)
     if rate_bps is None:
         return None
-    is_thin = link_bps is not None and link_bps < THIN_BPS
+    is_thin = options.output is None and min(link_bps or THIN_BPS, rate_bps) < THIN_BPS
     fragment_bytes = LAYER_BYTES if is_thin else MIN_FRAGMENT_BYTES
     return LayerPacer(rate_bps, options.bitrate, fragment_bytes)
 

@@ -38,6 +38,8 @@ class LinkOptions:
     lossless: frame packets are sent again until they are there: all arrive, in order, before END.
         For files and measurements, not for live calls.
     security: what protects the call.
+    rate_bps: what the link of an encoder carries, where that is known; None: it is measured before
+        the call begins, which takes a thin link seconds.
     """
 
     call: str
@@ -46,6 +48,7 @@ class LinkOptions:
     connect_timeout_s: float = CONNECT_TIMEOUT_S
     lossless: bool = False
     security: LinkSecurity = field(default_factory=LinkSecurity)
+    rate_bps: float | None = None
 
     def __post_init__(self) -> None:
         if not CALL_NAME.fullmatch(self.call):
@@ -138,6 +141,10 @@ class PacketSink(Protocol):
 
     @property
     def quality(self) -> LinkQuality: ...
+
+    def wait_for_peer(self, timeout_s: float) -> None:
+        """Wait for a decoder: nobody is waited for where packets are stored."""
+        return
 
     def send(self, packet: bytes) -> None:
         """Send one serialised packet."""

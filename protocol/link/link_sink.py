@@ -38,7 +38,9 @@ class LinkSink(LinkEnd):
         make_carrier: CarrierFactory,
         say: MessageCallback,
     ) -> None:
-        self._delivery = DeliverySender(protection.session, options.lossless, protection.on_peer)
+        self._delivery = DeliverySender(
+            protection.session, options.lossless, protection.on_peer, options.rate_bps
+        )
         self._decoders = PeerMonitor(say)
         self._reachability, self._ended_s = Reachability.NO_PEER, None
         service = link_service(options, self._delivery, protection)

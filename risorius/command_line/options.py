@@ -43,8 +43,8 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         type=bitrate,
         metavar="BPS",
         help="default profile: send the model in layers, a first one of 2 kB and the others between"
-        " the frames, so that all packets together keep to BPS, above --bitrate (default: whole,"
-        " at once)",
+        " the frames, so that all packets together keep to BPS, above --bitrate; a link is then"
+        " not measured first (default: whole, at once; over a thin link as it was measured)",
     )
     parser.add_argument(
         "--model-bytes",

@@ -8,6 +8,8 @@ The page opens the payloads itself (`player/watch`).  A slow one loses the oldes
 """
 
 import asyncio
+import gzip
+import hashlib
 import socket
 from contextlib import suppress
 from pathlib import PurePath
@@ -20,7 +22,7 @@ from protocol.link.endpoints import bind_reason
 from protocol.link.messages import MAX_MESSAGE_BYTES
 from protocol.relay.zenoh_relay import Relay, WatchedCall
 from risorius.page.access import HEADERS
-from risorius.page.local_site import MEDIA_TYPES, answer, fixed
+from risorius.page.local_site import MEDIA_TYPES, Handler, answer
 from risorius.page.loop_thread import LoopThread
 from risorius.page.player_parts import player_part
 from shared_model.errors import LINK_FAILED, UserError
@@ -99,7 +101,7 @@ class WatchServer:
     async def _open(self, port: int) -> int:
         application = web.Application()
         for name, body in self._parts.items():
-            handler = fixed(body, MEDIA_TYPES[PurePath(name).suffix], WATCH_HEADERS)
+            handler = _kept(body, MEDIA_TYPES[PurePath(name).suffix])
             application.router.add_get(f"/{name}", handler)
         application.router.add_get("/{call}", self._get_page)
         application.router.add_get("/{call}/ws", self._get_socket)
@@ -147,6 +149,26 @@ class WatchServer:
                 del self._calls[call]
                 await asyncio.to_thread(watched.call.close)
         return stream
+
+
+def _kept(body: bytes, content_type: str) -> Handler:
+    """What answers with a part that browsers keep: compressed, and only where it has changed."""
+    packed, tag = gzip.compress(body), hashlib.sha256(body).hexdigest()[:16]
+    headers = {**WATCH_HEADERS, "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
+
+    async def handle(request: web.Request) -> web.Response:
+        is_packed = "gzip" in request.headers.get("Accept-Encoding", "")
+        if any(each.value == tag for each in request.if_none_match or ()):
+            response = web.Response(status=304, headers=headers)
+        elif is_packed:
+            encoding = {"Content-Encoding": "gzip"}
+            response = answer(packed, content_type, headers | encoding)
+        else:
+            response = answer(body, content_type, headers)
+        response.etag = tag
+        return response
+
+    return handle
 
 
 def _listening_socket(port: int) -> socket.socket:

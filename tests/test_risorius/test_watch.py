@@ -1,8 +1,11 @@
 """A browser on no host of the call watches it through a relay, which has no key."""
 
+import gzip
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
 
 import pytest
 from links import free_endpoint
@@ -109,6 +112,17 @@ def test_who_has_another_key_sees_nothing(
         browser.wait(
             "document.getElementById('message').textContent.includes('not whole')", LIMIT_S
         )
+
+
+def test_the_parts_of_the_page_are_small_and_kept(server: WatchServer) -> None:
+    place = f"http://127.0.0.1:{server.port}/player.bin"
+    with urlopen(Request(place, headers={"Accept-Encoding": "gzip"})) as response:
+        packed, tag = response.read(), response.headers["ETag"]
+    with urlopen(place) as response:
+        whole = response.read()
+    assert gzip.decompress(packed) == whole and len(packed) < len(whole) / 5
+    with pytest.raises(HTTPError, match="304"):
+        urlopen(Request(place, headers={"If-None-Match": tag}))
 
 
 def test_a_taken_port_and_a_page_that_is_not_built_are_told(

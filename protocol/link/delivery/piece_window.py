@@ -42,12 +42,13 @@ class Sent:
 class PieceWindow:
     """The window of one decoder.
 
+    rate_bps: of the link, if it is known.
     round_trip_s, rate_bps: None before they are measured.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rate_bps: float | None = None) -> None:
         self.round_trip_s: float | None = None
-        self.rate_bps: float | None = None
+        self.rate_bps, self._is_told = rate_bps, rate_bps is not None
         self._first_rates = list[float]()
         self.delivered = 0
         self._size = START_WINDOW
@@ -61,8 +62,8 @@ class PieceWindow:
 
     @property
     def is_measured(self) -> bool:
-        """Whether the rate is known: a low one might have been an accident."""
-        return self.padded_trips >= SURE_TRIPS or (self.rate_bps or 0.0) > SURE_BPS
+        """Whether the rate is known: a low one that was measured might have been an accident."""
+        return self._is_told or self.padded_trips >= SURE_TRIPS or (self.rate_bps or 0.0) > SURE_BPS
 
     @property
     def size(self) -> int:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from protocol.link.delivery.frame_copies import FrameCopies
 from protocol.link.delivery.item_store import ItemStore, Placed
 from protocol.link.delivery.piece_schedule import Peer, PieceSchedule
-from protocol.link.delivery.piece_window import SURE_BPS
+from protocol.link.delivery.piece_window import SURE_BPS, PieceWindow
 from protocol.link.interface import LinkQuality
 from protocol.link.messages import (
     NO_SESSION,
@@ -63,13 +63,17 @@ class DeliverySender:
 
     session: of this start of the encoder.  lossless: frame packets are items, too.
     on_peer: called with the session of a decoder that has echoed ours.
+    rate_bps: what the links carry; None: they are measured.
     progress_s: when a decoder has acknowledged a piece of an item last; -inf: never.
     heard_s: when a decoder was heard last that has not said good-bye; -inf: there is none.
     is_end_heard: a decoder has all of a call that has ended.
     """
 
-    def __init__(self, session: bytes, lossless: bool, on_peer: PeerCallback) -> None:
+    def __init__(
+        self, session: bytes, lossless: bool, on_peer: PeerCallback, rate_bps: float | None = None
+    ) -> None:
         self._session, self._lossless, self._on_peer = session, lossless, on_peer
+        self._rate_bps = rate_bps
         self._items = ItemStore(keeps_all=lossless)
         self._frames = 0
         self._frames_due: deque[tuple[int, bytes]] = deque()
@@ -254,7 +258,9 @@ class DeliverySender:
         peer = self._peers.get(peer_id(hello.session))
         if hello.echo == self._session:
             if peer is None or peer.session != hello.session:
-                peer = self._peers[peer_id(hello.session)] = Peer(hello.session, now_s)
+                peer = self._peers[peer_id(hello.session)] = Peer(
+                    hello.session, now_s, window=PieceWindow(self._rate_bps)
+                )
                 self._on_peer(hello.session)
             peer.heard_s = self.heard_s = now_s
             self._measure(peer, hello.answers, now_s)

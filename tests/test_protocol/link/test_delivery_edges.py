@@ -206,6 +206,19 @@ def test_a_link_is_not_measured_by_half_a_pair() -> None:
     assert end.quality.rate_bps == pytest.approx(32_000)
 
 
+def test_a_link_whose_rate_is_told_is_not_measured() -> None:
+    end, now_s = DeliverySender(ENCODER, False, lambda session: None, 8000), 0.0
+    end.receive(hello(Role.DECODER, DECODER, echo=ENCODER), now_s)
+    assert end.is_measured and end.quality.rate_bps == 8000
+    for _ in range(30):
+        now_s += 0.3
+        asked = [parse_message(data) for data in end.payloads(now_s)]
+        for each in asked:
+            assert isinstance(each, Hello) and not each.padding
+            end.receive(hello(Role.DECODER, DECODER, echo=ENCODER, answers=each.nonce), now_s + 0.1)
+    assert end.quality.round_trip_s == pytest.approx(0.1)
+
+
 def test_the_window_grows_on_an_empty_link_and_shrinks_on_a_full_one() -> None:
     window = PieceWindow()
     sizes = list[int]()

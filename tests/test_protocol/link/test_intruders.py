@@ -28,10 +28,13 @@ MODEL_BYTES = serialise(MODEL)
 FLOOD = 10_000
 
 
-def options(key: bytes | None, **place: tuple[str, ...]) -> LinkOptions:
+def options(
+    key: bytes | None, listen: tuple[str, ...] = (), connect: tuple[str, ...] = ()
+) -> LinkOptions:
     return LinkOptions(
         CALL,
-        **place,
+        listen,
+        connect,
         connect_timeout_s=WAIT_S,
         lossless=True,
         security=LinkSecurity(key),
