@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from decoder.playout.playout import Playout
+from decoder.sound.voice_separator import VoiceSeparator
 from protocol.call_file import CallReader
 from protocol.errors import ProtocolError
 from protocol.limits import SEQUENCE_MODULUS
@@ -46,13 +47,18 @@ class SentPacket:
 
 def sent_packets(path: Path) -> list[SentPacket]:
     """The packets of a call file, as a live encoder sends them.  Raises `UserError`."""
-    playout, sent, now_s, number = Playout(), list[SentPacket](), 0.0, 0
+    playout, voice = Playout(), VoiceSeparator()
+    sent, now_s, number = list[SentPacket](), 0.0, 0
     with CallReader(path) as reader:
         for data in reader.undamaged(_fail):
             packet = parse_packet(data)
-            playout.receive(data)
+            face = voice.receive(packet)
+            if face is not None:
+                playout.receive_packet(face)
             if isinstance(packet, FramePacket):
-                number = playout.next_number
+                # One without a face has a number like all others.
+                following = number + (packet.sequence - number) % SEQUENCE_MODULUS + 1
+                number = following if face is None else playout.next_number
                 now_s = playout.time_s(number - 1)
                 sent.append(SentPacket(data, now_s, number - 1))
             else:

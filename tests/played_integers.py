@@ -7,7 +7,7 @@ the same cell.
 """
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -29,6 +29,7 @@ from protocol.model_packet import ModelPacket
 from protocol.pictures.foreground_mask import parse_background
 from protocol.pictures.layered_background import change_codec, is_layered, parse_layers
 from protocol.pictures.picture_codec import (
+    MAX_STEP_CODE,
     ModeCodec,
     is_picture,
     parse_picture_header,
@@ -36,13 +37,13 @@ from protocol.pictures.picture_codec import (
 )
 from protocol.pictures.plane_decoding import decode_planes
 from protocol.pictures.subband_coding import PictureSequence
-from protocol.pictures.subband_pyramid import SubbandPyramid
 
 # An arrival at a time, or nothing.
 Event = Arrival | float
 # Cells of the grids: of quaternions and times, of actuators, of everything else.
 FINE, OF_EAU, COARSE = 2**20, 2**12, 2**10
 BESIDE = 0.41421356
+MAX_SIDE_PX = 1024
 
 
 @dataclass(slots=True)
@@ -53,8 +54,9 @@ class Played:
         presence, place of its model in `models`, pose, EAUs, coefficients of layers and modes, and
         the residual: first frame, frames, CRC-32 of its bytes.
     models: each with what layers had brought by then.
-    pictures: CRC-32 of all coefficients of each picture, of the last state of each version.
-    residuals: CRC-32 of flags and values of each residual.
+    pictures: of a file CRC-32 of all coefficients of each picture, of the last state of each
+        version of the model; -1: of another codec; -2: damaged.
+    residuals: CRC-32 of flags and values of each residual; -2: damaged.
     damages: number of packets and records that were refused.
     """
 
@@ -78,7 +80,10 @@ def played_file(path: Path) -> Played:
     with CallReader(path) as reader:
         for data in reader.undamaged(errors.append):
             frames += [(0, frame) for frame in receiver.receive(Arrival(data, 0.0))]
-    return _played(frames, receiver, len(errors))
+    played = _played(frames, receiver, len(errors))
+    states = {frame.model.version: frame.model for _, frame in frames}
+    played.pictures = [_pictures(model) for model in states.values()]
+    return played
 
 
 def played_link(events: Sequence[Event]) -> Played:
@@ -103,16 +108,14 @@ def write_events(path: Path, events: Iterable[Event]) -> None:
 
 
 def _played(shown: list[tuple[int, PlayoutFrame]], receiver: Receiver, damages: int) -> Played:
-    played, states, blocks = Played(damages=damages, ended=receiver.ended), {}, dict[bytes, int]()
+    played, blocks = Played(damages=damages, ended=receiver.ended), dict[bytes, int]()
     for event, frame in shown:
         model = _model(frame.model)
         if model not in played.models:
             played.models.append(model)
-        states[frame.model.version] = frame.model
         played.frames.append([event, *_frame(frame, played.models.index(model))])
         if frame.residual is not None and frame.residual.data not in blocks:
-            blocks[frame.residual.data] = _tiles(frame)
-    played.pictures = [_pictures(model) for model in states.values()]
+            (blocks[frame.residual.data],) = _guarded(partial(_tiles, frame))
     played.residuals = list(blocks.values())
     return played
 
@@ -140,12 +143,12 @@ def _frame(frame: PlayoutFrame, model: int) -> list[int]:
     ]
 
 
-def _tiles(frame: PlayoutFrame) -> int:
+def _tiles(frame: PlayoutFrame) -> list[int]:
     assert frame.residual is not None
     tiles = frame.residual.parse()
     values = tiles.values[tiles.flags > 0]
     parts = ([tiles.step_code], tiles.flags, values)
-    return crc32(b"".join(np.asarray(part).astype("<i4").tobytes() for part in parts))
+    return [crc32(b"".join(np.asarray(part).astype("<i4").tobytes() for part in parts))]
 
 
 def _call(call: CallParameters) -> list[int]:
@@ -183,13 +186,26 @@ def _model(model: ModelPacket) -> list[int]:
     return [int(each) for each in values]
 
 
+def _guarded(find: Callable[[], Iterable[int]]) -> list[int]:
+    """What is found, -2 if it is damaged."""
+    try:
+        return list(find())
+    except ProtocolError:
+        return [-2]
+
+
 def _pictures(model: ModelPacket) -> list[int]:
     """CRC-32 of the coefficients of background, texture and modes."""
-    found = [*_background(model), _picture("texture", model.texture)]
+    of_background = _guarded(partial(_background, model))
+    return [*of_background, *_guarded(partial(_appearance, model))]
+
+
+def _appearance(model: ModelPacket) -> list[int]:
+    found = [_picture("texture", model.texture)]
     if model.call.profile == "thesis" or not is_picture(model.texture):
         return found
     header = parse_picture_header("texture", model.texture)
-    codec = ModeCodec(header.height, header.weight_map)
+    codec = ModeCodec(header.height, header.weight_map, header.width)
     for mode in parse_transform(model.profile_data).modes:
         if not mode:
             break
@@ -218,19 +234,22 @@ def _picture(name: str, data: bytes) -> int:
     if not is_picture(data):
         return -1
     header = parse_picture_header(name, data)
+    if max(header.width, header.height) > MAX_SIDE_PX:
+        raise ProtocolError(f"{name} is {header.width}x{header.height}")
     shapes = plane_shapes(header.height, header.width)
-    sequence = PictureSequence(header.kind)
-    return _crc(decode_planes(sequence, name, data[header.start + 1 :], shapes))
+    return _next_crc(PictureSequence(header.kind), data[header.start :], shapes)
 
 
 def _mode(codec: ModeCodec, data: bytes) -> int:
-    shapes = plane_shapes(*codec.format.weight_map.shape)
-    return _crc(decode_planes(codec.sequence, "mode", data[1:], shapes))
+    return _next_crc(codec.sequence, data, plane_shapes(*codec.format.weight_map.shape))
 
 
-def _crc(planes: list[SubbandPyramid]) -> int:
+def _next_crc(sequence: PictureSequence, data: bytes, shapes: list[tuple[int, int]]) -> int:
+    """CRC-32 of the coefficients, after their step code, of the next picture of a sequence."""
+    if not data or data[0] > MAX_STEP_CODE:
+        raise ProtocolError("a picture has no step")
     crc = 0
-    for plane in planes:
+    for plane in decode_planes(sequence, "picture", data[1:], shapes):
         for band in (plane.lowpass, *(band for level in plane.details for band in level)):
             crc = crc32(band.astype("<i4").tobytes(), crc)
     return crc

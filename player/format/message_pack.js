@@ -1,7 +1,18 @@
 import { ByteReader } from "./bytes.js";
 import { check, FormatError } from "./errors.js";
 
-/** @typedef {number | boolean | string | Uint8Array | Value[] | Map<string, Value>} Value */
+/**
+ * A number is an integer.
+ * @typedef {number | Float | boolean | string | Uint8Array | Value[] | Map<string, Value>} Value
+ */
+
+/** A floating-point number. */
+export class Float {
+  /** @param {number} value */
+  constructor(value) {
+    this.value = value;
+  }
+}
 
 /**
  * The map in MessagePack bytes, every value in its shortest encoding.
@@ -40,7 +51,7 @@ function parseValue(reader, depth) {
     case 0xc6:
       return reader.take(integer(reader, 4, 65536));
     case 0xca:
-      return new DataView(reader.take(4).slice().buffer).getFloat32(0);
+      return new Float(new DataView(reader.take(4).slice().buffer).getFloat32(0));
     case 0xcc:
       return integer(reader, 1, 128);
     case 0xcd:

@@ -1,5 +1,5 @@
 import { check } from "./errors.js";
-import { parseMap } from "./message_pack.js";
+import { Float, parseMap } from "./message_pack.js";
 import { parseShapeResidual } from "./shape_residual.js";
 
 /** @typedef {import("./message_pack.js").Value} Value */
@@ -75,7 +75,7 @@ class Fields {
    */
   integer(key, low, high, absent) {
     const value = this.values.get(key) ?? absent;
-    return checkedInteger(key, value, low, high);
+    return checkedNumber(key, value, low, high);
   }
 
   /** @param {string} key */
@@ -119,7 +119,7 @@ class Fields {
   pair(key, low, high, absent) {
     const value = this.values.get(key) ?? absent;
     check(Array.isArray(value) && value.length === 2, `model packet: ${key} is not two numbers`);
-    return [checkedInteger(key, value[0], low, high), checkedInteger(key, value[1], low, high)];
+    return [checkedNumber(key, value[0], low, high), checkedNumber(key, value[1], low, high)];
   }
 
   /**
@@ -130,13 +130,13 @@ class Fields {
   floats(key, count, limit) {
     const value = this.values.get(key);
     check(Array.isArray(value) && value.length === count, `model packet: ${key} is not ${count}`);
-    return value.map((each) => checkedNumber(key, each, -limit, limit));
+    return value.map((each) => checkedFloat(key, each, -limit, limit));
   }
 }
 
 /**
  * @param {string} key
- * @param {Value | undefined} value
+ * @param {unknown} value
  * @param {number} low
  * @param {number} high
  */
@@ -152,10 +152,9 @@ function checkedNumber(key, value, low, high) {
  * @param {number} low
  * @param {number} high
  */
-function checkedInteger(key, value, low, high) {
-  const number = checkedNumber(key, value, low, high);
-  check(Number.isInteger(number), `model packet: ${key} is ${number}, expected an integer`);
-  return number;
+function checkedFloat(key, value, low, high) {
+  check(value instanceof Float, `model packet: ${key} is no floating-point number`);
+  return checkedNumber(key, value.value, low, high);
 }
 
 /**
@@ -227,7 +226,7 @@ function callParameters(fields) {
     height,
     fps,
     rate,
-    focalPx: checkedNumber("f", fields.values.get("f"), 1, 1e6),
+    focalPx: checkedFloat("f", fields.values.get("f"), 1, 1e6),
     framesPerPacket: fields.integer("n", 1, 64),
     startFrame: fields.integer("o", 0, 2 ** 32 - 1),
     frameStep: fields.integer("k", 1, 255, 1),

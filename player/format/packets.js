@@ -30,6 +30,7 @@ export const EVENTS = {
   JOINED: 7,
 };
 const MAX_LAYER_PACKETS = 4096;
+const MAX_LAYER_BYTES = 16384;
 
 /**
  * The kind of a packet, one of `KINDS`.
@@ -63,7 +64,8 @@ export function parsePacket(data) {
   const reader = new ByteReader(payload, kind === KINDS.LAYER ? "layer packet" : "control packet");
   if (kind === KINDS.LAYER) {
     const number = reader.varint();
-    check(number < MAX_LAYER_PACKETS && reader.left, "layer packet is empty or out of bounds");
+    const isWithin = reader.left > 0 && reader.left <= MAX_LAYER_BYTES;
+    check(number < MAX_LAYER_PACKETS && isWithin, "layer packet is empty or out of bounds");
     return { kind: "layer", version: sequence, number, data: reader.rest() };
   }
   const event = reader.byte();

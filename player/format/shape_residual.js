@@ -1,5 +1,6 @@
 import { AdaptiveIntegers } from "./entropy/adaptive_models.js";
 import { RangeDecoder } from "./entropy/range_decoder.js";
+import { checkShortest } from "./entropy/shortest_bytes.js";
 import { check } from "./errors.js";
 
 /**
@@ -17,6 +18,6 @@ export function parseShapeResidual(data) {
     check(code >= -128 && code <= 127, `residual shape has a code of ${code}`);
     codes[i] = code;
   }
-  decoder.end("residual shape");
+  checkShortest(decoder, "residual shape");
   return codes;
 }

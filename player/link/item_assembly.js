@@ -5,12 +5,16 @@ import { CHANNELS, PIECE_BYTES, pieceCount } from "./messages.js";
 /** @typedef {import("./messages.js").Piece} Piece */
 /** @typedef {import("./messages.js").Span} Span */
 /** A packet and its number, see `Piece`. @typedef {{number: number, packet: Uint8Array}} Item */
-/** @typedef {{total: number, number: number, pieces: Map<number, Uint8Array>, packet: Uint8Array | null}} Partial */
+/**
+ * An item of which pieces have come; `packet` once all have, empty if it has been given away.
+ * @typedef {{total: number, number: number, pieces: Map<number, Uint8Array>, packet: Uint8Array | null}} Partial
+ */
 
 const MAX_AHEAD = 4096;
 const MAX_HELD_BYTES = 2 * 1024 * 1024;
 const MAX_HOLDINGS = 32;
 const MAX_HOLDING_BYTES = 600;
+const NOTHING = new Uint8Array(0);
 
 /** Puts items together from their pieces, of either channel. */
 export class ItemAssembly {
@@ -91,15 +95,19 @@ export class ItemAssembly {
     const packet = new Uint8Array(part.total);
     for (const [index, data] of part.pieces) packet.set(data, index * PIECE_BYTES);
     this.#free(part);
-    part.packet = packet;
-    const inOrder = this.#advance(channel);
-    if (channel === CHANNELS.ORDERED) return inOrder;
+    if (channel === CHANNELS.ORDERED) {
+      part.packet = packet;
+      this.heldBytes += packet.length;
+      return this.#advance(channel);
+    }
+    part.packet = NOTHING;
+    this.#advance(channel);
     return packet.length ? [{ number: part.number, packet }] : [];
   }
 
   /** @param {Partial} part */
   #free(part) {
-    this.heldBytes -= PIECE_BYTES * part.pieces.size;
+    this.heldBytes -= PIECE_BYTES * part.pieces.size + (part.packet?.length ?? 0);
     part.pieces.clear();
   }
 
@@ -114,6 +122,7 @@ export class ItemAssembly {
     for (let part = lane.items.get(lane.below); part?.packet; part = lane.items.get(lane.below)) {
       lane.items.delete(lane.below);
       lane.below++;
+      this.#free(part);
       if (part.packet.length) found.push({ number: part.number, packet: part.packet });
     }
     return found;

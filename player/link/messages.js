@@ -120,7 +120,8 @@ function parsePiece(reader, channel) {
   const index = reader.varint();
   const data = reader.rest().slice();
   check(total <= MAX_ITEM_BYTES, `a packet of ${total} bytes is too long`);
-  const expected = Math.min(Math.max(total - index * PIECE_BYTES, 0), PIECE_BYTES);
+  check(index < Math.max(1, pieceCount(total)), `piece ${index} of a packet of ${total} bytes`);
+  const expected = Math.min(total - index * PIECE_BYTES, PIECE_BYTES);
   check(data.length === expected, `a piece of ${data.length} bytes, expected ${expected}`);
   return { kind: "piece", channel, item, number: frame, total, index, data };
 }

@@ -67,7 +67,10 @@ def parse_transform(data: bytes) -> FrameTransform:
             max_map_len=len(_KEYS) + 2,
             max_ext_len=0,
         )
-        return _transform_from_fields(fields)
+        transform = _transform_from_fields(fields)
+        if serialise_transform(transform) != data:
+            raise ValueError("not in the one encoding of its fields")
+        return transform
     except (ValueError, TypeError, KeyError) as error:
         raise ProtocolError(f"model packet's transform: {error}"[:MAX_MESSAGE_LENGTH]) from error
 

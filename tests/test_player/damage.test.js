@@ -8,24 +8,11 @@ import { parseTiles } from "../../player/format/residual/tile_decoder.js";
 import { readCall } from "../../player/playout/call.js";
 import { codedPictures, modelsOf } from "../../player/playout/models_of_call.js";
 import { Playout } from "../../player/playout/playout.js";
+import { random } from "./mutation.js";
 import { DATA, hex } from "./vectors.js";
 
 const CALLS = ["call_default", "call_layers", "call_residual", "call_thesis"];
 const ROUNDS = 60;
-
-/**
- * Numbers from 0 to 1 that are the same in each run (Marsaglia's xorshift).
- * @param {number} seed
- */
-function random(seed) {
-  let state = seed + 1;
-  return () => {
-    state ^= state << 13;
-    state ^= state >>> 17;
-    state ^= state << 5;
-    return (state >>> 0) / 2 ** 32;
-  };
-}
 
 /**
  * Bytes of which some are changed, or the end is missing.

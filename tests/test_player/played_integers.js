@@ -1,9 +1,11 @@
 // What the player makes of calls, in integers: `node played_integers.js FILE ...` writes a line of
-// JSON for each call file (.rzo) and each list of a link's events (.json); `tests/played_integers.py`
-// says what is in it.
+// JSON for each call file (.rzo) and each list of a link's events (.json), `tests/played_integers.py`
+// says what is in it; for each list of packets (.hex) which of them are refused.
 import { readFileSync } from "node:fs";
 import { packetsOf } from "../../player/format/call_file.js";
 import { crc32 } from "../../player/format/checksums.js";
+import { check, FormatError } from "../../player/format/errors.js";
+import { parsePacket } from "../../player/format/packets.js";
 import {
   changeSize,
   isLayered,
@@ -17,6 +19,7 @@ import {
   parsePictureHeader,
 } from "../../player/format/pictures/picture.js";
 import { parseTiles } from "../../player/format/residual/tile_decoder.js";
+import { FrameDecoder } from "../../player/playout/frame_decoder.js";
 import { Receiver } from "../../player/playout/receiver.js";
 import { bytesOf, NETWORKS } from "./vectors.js";
 
@@ -31,6 +34,7 @@ const FINE = 2 ** 20;
 const OF_EAU = 2 ** 12;
 const COARSE = 2 ** 10;
 const BESIDE = 0.41421356;
+const MAX_SIDE_PX = 1024;
 
 /**
  * @param {Iterable<number>} values
@@ -63,7 +67,9 @@ function playedFile(file) {
     const frames = receiver.receive({ packet, number: null, session: 0 }, 0);
     shown.push(...frames.map((frame) => ({ event: 0, frame })));
   }
-  return { ...played(shown), damages, ended: receiver.ended };
+  const states = new Map(shown.map(({ frame }) => [frame.received.model.version, frame.received]));
+  const pictures = [...states.values()].map(pictureCrcs);
+  return { ...played(shown), pictures, damages, ended: receiver.ended };
 }
 
 /** @param {[number, number, number | null, string][]} events */
@@ -77,32 +83,28 @@ function playedLink(events) {
         : receiver.receive({ packet: bytesOf(digits), number, session }, atS);
     return frames.map((frame) => ({ event, frame }));
   });
-  return { ...played(shown), damages, ended: receiver.ended };
+  return { ...played(shown), pictures: [], damages, ended: receiver.ended };
 }
 
 /** @param {Shown[]} shown */
 function played(shown) {
   /** @type {Map<string, number>} */
   const models = new Map();
-  /** @type {Map<number, ReceivedModel>} */
-  const states = new Map();
   /** @type {Map<string, number>} */
   const residuals = new Map();
   const frames = shown.map(({ event, frame }) => {
     const { received, residual } = frame;
     const model = JSON.stringify(modelIntegers(received));
     if (!models.has(model)) models.set(model, models.size);
-    states.set(received.model.version, received);
     if (residual) {
       const key = Buffer.from(residual.data).toString("hex");
-      if (!residuals.has(key)) residuals.set(key, tilesCrc(frame));
+      if (!residuals.has(key)) residuals.set(key, guarded([], () => [tilesCrc(frame)])[0]);
     }
     return [event, ...frameIntegers(frame, models.get(model) ?? 0)];
   });
   return {
     frames,
     models: [...models.keys()].map((text) => JSON.parse(text)),
-    pictures: [...states.values()].map(pictureCrcs),
     residuals: [...residuals.values()],
   };
 }
@@ -189,9 +191,29 @@ function modelIntegers({ model, modes, decoder }) {
   ];
 }
 
+/**
+ * What has been found, with -2 for what is damaged.
+ * @param {number[]} found
+ * @param {() => number[]} find what else there is
+ */
+function guarded(found, find) {
+  try {
+    return [...found, ...find()];
+  } catch (error) {
+    if (!(error instanceof FormatError)) throw error;
+    return [...found, -2];
+  }
+}
+
 /** @param {ReceivedModel} received */
-function pictureCrcs({ model, modes }) {
-  const found = [...backgroundCrcs(model), pictureCrc(model.texture)];
+function pictureCrcs(received) {
+  const ofBackground = guarded([], () => backgroundCrcs(received.model));
+  return guarded(ofBackground, () => textureCrcs(received));
+}
+
+/** @param {ReceivedModel} received */
+function textureCrcs({ model, modes }) {
+  const found = [pictureCrc(model.texture)];
   if (model.call.isThesis || !isPicture(model.texture)) return found;
   const { height, width, weightMap } = parsePictureHeader(model.texture, "texture");
   const decoder = modeDecoder(NETWORKS, height, width, weightMap);
@@ -226,6 +248,7 @@ function backgroundCrcs({ background, call: { width, height } }) {
 function pictureCrc(data) {
   if (!isPicture(data)) return -1;
   const { kind, width, height, coefficients } = parsePictureHeader(data, "picture");
+  check(Math.max(width, height) <= MAX_SIDE_PX, "a picture is too large");
   const decoder = new PictureSequence(NETWORKS, kind, height, width, null);
   return modeCrc(decoder, coefficients);
 }
@@ -254,10 +277,29 @@ function valuesOf(band) {
   return values;
 }
 
-for (const path of process.argv.slice(2)) {
-  const data = readFileSync(path);
-  const result = path.endsWith(".json")
-    ? playedLink(JSON.parse(data.toString()))
-    : playedFile(new Uint8Array(data));
-  console.log(JSON.stringify(result));
+/**
+ * Whether packets are refused, one in hexadecimal digits on each line.
+ * @param {string} lines
+ */
+function refusals(lines) {
+  return lines
+    .trim()
+    .split("\n")
+    .map((line) => {
+      const given = guarded([], () => {
+        const packet = parsePacket(bytesOf(line));
+        return [packet.kind === "model" ? new FrameDecoder(packet.model).newest : 0];
+      });
+      return given[0] === -2;
+    });
 }
+
+/** @param {string} path */
+function resultOf(path) {
+  const data = readFileSync(path);
+  if (path.endsWith(".hex")) return refusals(data.toString());
+  if (path.endsWith(".json")) return playedLink(JSON.parse(data.toString()));
+  return playedFile(new Uint8Array(data));
+}
+
+for (const path of process.argv.slice(2)) console.log(JSON.stringify(resultOf(path)));

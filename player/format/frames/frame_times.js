@@ -1,11 +1,14 @@
 import { signedFrom } from "../bytes.js";
 import { AdaptiveIntegers } from "../entropy/adaptive_models.js";
 import { RangeDecoder } from "../entropy/range_decoder.js";
+import { checkShortest } from "../entropy/shortest_bytes.js";
+import { check } from "../errors.js";
 
 /** @typedef {import("../bytes.js").ByteReader} ByteReader */
 
 /** Deviations are in ticks of so many in a frame. */
 const TICKS_PER_FRAME = 16;
+const MAX_TICKS = 2 ** 31 - 1;
 
 /**
  * The deviations, ticks, of a TIMES packet after its frame.
@@ -13,6 +16,7 @@ const TICKS_PER_FRAME = 16;
  */
 export function parseTimes(reader) {
   const ticks = [signedFrom(reader.varint())];
+  check(Math.abs(ticks[0]) <= MAX_TICKS, `times packet: a deviation of ${ticks[0]} ticks`);
   const coder = new RangeDecoder(reader.rest());
   const integers = new AdaptiveIntegers(2);
   let step = 0;
@@ -20,7 +24,7 @@ export function parseTimes(reader) {
     step = integers.decode(coder, step ? 1 : 0);
     ticks.push(ticks[ticks.length - 1] + step);
   }
-  coder.end("times packet");
+  checkShortest(coder, "times packet");
   return ticks;
 }
 

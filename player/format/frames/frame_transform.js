@@ -1,5 +1,6 @@
 import { AdaptiveIntegers } from "../entropy/adaptive_models.js";
 import { RangeDecoder } from "../entropy/range_decoder.js";
+import { checkShortest } from "../entropy/shortest_bytes.js";
 import { check } from "../errors.js";
 import { parseMap } from "../message_pack.js";
 
@@ -48,7 +49,12 @@ export function parseTransform(data) {
   check(tables instanceof Uint8Array, "frame transform: no tables");
   check(tables[0] >= 1 && tables[0] <= GEOMETRY + layers + MAX_MODES, "frame transform: no tables");
   const [sent, reserved] = reservedCounts(fields.get("s"), known.length);
-  const base = parseTables(tables, GEOMETRY + layers + known.length - sent, layers);
+  const own = known.length - sent;
+  check(
+    known.slice(own).every((mode) => mode.length),
+    "frame transform: an empty mode is sent",
+  );
+  const base = parseTables(tables, GEOMETRY + layers + own, layers);
   const all = [...known, ...Array(reserved - sent).fill(new Uint8Array(0))];
   check(all.length <= MAX_MODES, `frame transform: ${all.length} modes, limit ${MAX_MODES}`);
   return { ...withReservedModes(base, reserved), modes: all, layers, reservedModes: reserved };
@@ -87,7 +93,7 @@ function parseTables(tables, d, layers) {
   const exponents = table(decoder, 1, n, 1, new Array(n).fill(0));
   const steps = table(decoder, n, KINDS, KINDS, [0, 1, 2, 3, 4]);
   const scaleCodes = sums(steps, n, KINDS).map((code) => 2 * code);
-  decoder.end("frame transform");
+  checkShortest(decoder, "frame transform");
   check(
     unitCodes.every((code) => code >= 0 && code <= 255),
     "frame transform: a unit is too large",

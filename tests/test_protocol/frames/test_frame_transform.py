@@ -212,6 +212,19 @@ def test_damaged_tables_are_refused_with_the_reason(data: bytes, message: str) -
         parse_transform(data)
 
 
+def test_another_encoding_of_the_same_fields_is_refused() -> None:
+    data = serialise_transform(with_reserved_modes(sample(), 2))
+    fields = msgpack.unpackb(data, use_list=False)
+    assert msgpack.packb(fields) == data
+    for other in (dict(reversed(fields.items())), fields | {"l": 0}, fields | {"s": (0.0, 2)}):
+        with pytest.raises(ProtocolError):
+            parse_transform(msgpack.packb(other))
+    longer = data.replace(msgpack.packb(b"second"), b"\xc5\x00\x06second")
+    assert msgpack.unpackb(longer, use_list=False) == fields
+    with pytest.raises(ProtocolError, match="not in the one encoding"):
+        parse_transform(longer)
+
+
 @pytest.mark.parametrize("modes", [b"x", (1, 2), ["x"]])
 def test_modes_must_be_byte_strings(modes: object) -> None:
     fields = msgpack.unpackb(serialise_transform(sample()), use_list=False)
