@@ -69,14 +69,14 @@ export class RecordReader {
     const isWhole = value % 2 === 1;
     const bodyEnd = body + Math.floor(value / 2);
     const length = bodyEnd - body + (isWhole ? 0 : 1);
-    check(length >= 1, "a record is empty");
-    const most = MAX_PACKET_BYTES[isWhole ? KINDS.MODEL : KINDS.FRAME];
-    check(length <= most, `a record of ${length} bytes is too long`);
-    check(this.#reaches(bodyEnd), "the file ends in a record");
+    const checkLength = (/** @type {number} */ kind) =>
+      check(length && length <= MAX_PACKET_BYTES[kind], `a record of ${length} bytes`);
+    checkLength(isWhole ? KINDS.MODEL : KINDS.FRAME);
+    this.#checkReach(bodyEnd);
     const kind = isWhole ? kindOf(this.data.subarray(body)) : KINDS.FRAME;
-    check(length <= MAX_PACKET_BYTES[kind], `a packet of ${length} bytes is too long for its kind`);
+    checkLength(kind);
     const end = bodyEnd + checksumBytes(kind);
-    check(this.#reaches(end), "the checksum of a record is missing");
+    this.#checkReach(end);
     return { start, body, bodyEnd, end, isWhole };
   }
 
@@ -84,20 +84,25 @@ export class RecordReader {
   #head(start) {
     let value = 0;
     for (let i = 0; i < MAX_HEAD_BYTES; i++) {
-      check(this.#reaches(start + i + 1), "the file ends in the length of a record");
+      this.#checkReach(start + i + 1);
       const byte = this.data[start + i];
       value += (byte & 0x7f) * 128 ** i;
       if (byte >= 0x80) continue;
-      check(byte || !i, "the length of a record has a byte too many");
-      return { value, body: start + i + 1 };
+      if (byte || !i) return { value, body: start + i + 1 };
+      break;
     }
-    throw new FormatError("the length of a record is too large");
+    throw new FormatError("the length of a record is impossible");
   }
 
   /** @param {number} end */
-  #reaches(end) {
+  #see(end) {
     this.seen = Math.max(this.seen, Math.min(end, this.data.length));
-    return end <= this.data.length;
+  }
+
+  /** @param {number} end */
+  #checkReach(end) {
+    this.#see(end);
+    check(end <= this.data.length, "the file ends in a record");
   }
 
   /**
@@ -127,7 +132,7 @@ export class RecordReader {
    * @param {number | null} end of the damaged record by its length
    */
   #skip(end) {
-    this.#reaches(this.position + MAX_SEARCH_BYTES);
+    this.#see(this.position + MAX_SEARCH_BYTES);
     for (const start of this.#candidates(end)) {
       const sequence = this.#sequenceOf(this.#run(start));
       if (sequence !== null) {

@@ -5,6 +5,7 @@ import {
   normalise,
   quaternionFromVector,
   vectorFromQuaternion,
+  withFocalChange,
 } from "../model/geometry.js";
 import { clipEau } from "../model/parameters.js";
 import { referenceFace } from "../model/person.js";
@@ -131,6 +132,8 @@ export class SmoothReturn {
   constructor() {
     /** @type {Face | null} the face of the frame before */
     this.shown = null;
+    /** focal length of the camera that saw it */
+    this.focalPx = 0;
     /** as `sizesOf`, of one frame */
     this.fastest = [0, 0, 0];
     /** @type {FaceChange | null} */
@@ -161,9 +164,14 @@ export class SmoothReturn {
   /**
    * The face to show next where this is the true one.
    * @param {Face} face
+   * @param {number} focalPx of the camera
    * @returns {Face}
    */
-  show(face) {
+  show(face, focalPx) {
+    if (this.shown && focalPx !== this.focalPx) {
+      this.shown = withFocalChange(this.shown, focalPx / this.focalPx);
+    }
+    this.focalPx = focalPx;
     if (this.isInterrupted) {
       this.isInterrupted = false;
       this.correct(face);

@@ -1,6 +1,5 @@
 import { FormatError } from "../format/errors.js";
 import { parsePacket } from "../format/packets.js";
-import { withFocalChange } from "../model/geometry.js";
 import { SmoothReturn } from "./concealment.js";
 import { EncoderSession } from "./encoder_session.js";
 import { isSamePicture } from "./received_models.js";
@@ -11,10 +10,9 @@ import { isSamePicture } from "./received_models.js";
 /** @typedef {import("./received_models.js").ReceivedModel} ReceivedModel */
 
 /**
- * The receiving end of a call: what arrives in any order, and time, become faces in order.
+ * The receiving end of a link: what arrives in any order, and time, become faces in order.
  *
- * Frame packets of a link are put in order and waited for; those of a call file, which have no
- * number, are taken as they come.  Where an encoder starts again the call goes on with its new model,
+ * Frame packets with a number are put in order and waited for.  Where an encoder starts again the call goes on with its new model,
  * in the place where it would be had nothing happened.
  */
 export class Receiver {
@@ -34,8 +32,6 @@ export class Receiver {
     /** the source frame to show next */
     this.nextFrame = 0;
     this.smoothReturn = new SmoothReturn();
-    /** of the face shown last */
-    this.focalPx = 0;
   }
 
   /** The models in use and to come. */
@@ -128,7 +124,8 @@ export class Receiver {
     const index = session.offset + frame.index;
     const timeS = session.offset / call.fps + frame.timeS;
     this.nextFrame = index + 1;
-    return [...held, { ...frame, index, timeS, face: this.#smoothed(frame.face, call.focalPx) }];
+    const face = this.smoothReturn.show(frame.face, call.focalPx);
+    return [...held, { ...frame, index, timeS, face }];
   }
 
   /**
@@ -163,19 +160,6 @@ export class Receiver {
     const timeS = begin / fps + playout.clock.timeOf(index - begin, fps);
     const flags = { isFrozen: true, isLost: true, presence: 1, residual: null };
     return { index, face, received, timeS, ...flags };
-  }
-
-  /**
-   * @param {Face} face
-   * @param {number} focalPx
-   */
-  #smoothed(face, focalPx) {
-    const { shown } = this.smoothReturn;
-    if (shown && focalPx !== this.focalPx) {
-      this.smoothReturn.shown = withFocalChange(shown, focalPx / this.focalPx);
-    }
-    this.focalPx = focalPx;
-    return this.smoothReturn.show(face);
   }
 
   /**

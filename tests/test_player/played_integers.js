@@ -2,7 +2,6 @@
 // JSON for each call file (.rzo) and each list of a link's events (.json), `tests/played_integers.py`
 // says what is in it; for each list of packets (.hex) which of them are refused.
 import { readFileSync } from "node:fs";
-import { packetsOf } from "../../player/format/call_file.js";
 import { crc32 } from "../../player/format/checksums.js";
 import { check, FormatError } from "../../player/format/errors.js";
 import { parsePacket } from "../../player/format/packets.js";
@@ -19,6 +18,7 @@ import {
   parsePictureHeader,
 } from "../../player/format/pictures/picture.js";
 import { parseTiles } from "../../player/format/residual/tile_decoder.js";
+import { playCall } from "../../player/playout/call.js";
 import { FrameDecoder } from "../../player/playout/frame_decoder.js";
 import { Receiver } from "../../player/playout/receiver.js";
 import { bytesOf, NETWORKS } from "./vectors.js";
@@ -60,16 +60,11 @@ function crcOf(parts) {
 /** @param {Uint8Array} file */
 function playedFile(file) {
   let damages = 0;
-  const receiver = new Receiver(() => damages++);
-  /** @type {Shown[]} */
-  const shown = [];
-  for (const packet of packetsOf(file, () => damages++)) {
-    const frames = receiver.receive({ packet, number: null, session: 0 }, 0);
-    shown.push(...frames.map((frame) => ({ event: 0, frame })));
-  }
-  const states = new Map(shown.map(({ frame }) => [frame.received.model.version, frame.received]));
+  const { frames, isComplete } = playCall(file, () => damages++);
+  const states = new Map(frames.map(({ received }) => [received.model.version, received]));
   const pictures = [...states.values()].map(pictureCrcs);
-  return { ...played(shown), pictures, damages, ended: receiver.ended };
+  const shown = frames.map((frame) => ({ event: 0, frame }));
+  return { ...played(shown), pictures, damages, ended: isComplete };
 }
 
 /** @param {[number, number, number | null, string][]} events */
