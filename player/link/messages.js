@@ -5,13 +5,15 @@ import { MAX_PACKET_BYTES } from "../format/packets.js";
 
 export const SESSION_BYTES = 8;
 export const PIECE_BYTES = 512;
-export const ROLES = { ENCODER: 0, DECODER: 1 };
+export const ROLES = { ENCODER: 0, DECODER: 1, RELAY: 2 };
 export const CHANNELS = { ORDERED: 0, UNORDERED: 1 };
 const HEAD = 0x80;
 const KINDS = { HELLO: 16, REPORT: 17, PIECE_ORDERED: 18, PIECE_UNORDERED: 19, BYE: 20 };
 const MAX_NUMBER = 2 ** 31 - 1;
 const MAX_ITEM_BYTES = Math.max(...MAX_PACKET_BYTES);
 const MAX_PADDING_BYTES = 512;
+/** Of a session, in a BYE. */
+const PEER_BYTES = 2;
 /** In a HELLO: after byte 0, the kind, the flags and two nonces. */
 const SESSION_START = 5;
 
@@ -60,11 +62,13 @@ export function sessionInHello(data) {
 }
 
 /**
- * The message in a payload.  Throws `FormatError` if it is none.
+ * The message in a payload; reports, which are not for a decoder, are not looked into.  Throws
+ * `FormatError` if it is none.
  * @param {Uint8Array} data
  * @returns {Message}
  */
 export function parseMessage(data) {
+  check(isMessage(data), "not a message of the link");
   const reader = new ByteReader(data.subarray(2), "message of the link");
   switch (data[1]) {
     case KINDS.HELLO:
@@ -73,11 +77,28 @@ export function parseMessage(data) {
     case KINDS.PIECE_UNORDERED:
       return parsePiece(reader, data[1] - KINDS.PIECE_ORDERED);
     case KINDS.BYE:
-      return { kind: "bye", role: reader.byte() };
+      return parseBye(reader);
     case KINDS.REPORT:
       return { kind: "report" };
   }
   throw new FormatError(`message of the link of unknown kind ${data[1]}`);
+}
+
+/**
+ * @param {ByteReader} reader
+ * @returns {Message}
+ */
+function parseBye(reader) {
+  const role = roleOf(reader.byte());
+  reader.take(PEER_BYTES);
+  check(!reader.left, "message of the link is too long");
+  return { kind: "bye", role };
+}
+
+/** @param {number} role */
+function roleOf(role) {
+  check(role <= ROLES.RELAY, `message of the link: unknown role ${role}`);
+  return role;
 }
 
 /**
@@ -91,13 +112,17 @@ function parseHello(reader) {
   const frames = number(reader);
   const spans = [0, 1].map(() => {
     const first = number(reader);
-    return { first, end: first + number(reader) };
+    const end = first + number(reader);
+    check(end <= MAX_NUMBER, `message of the link: ${end} is too large`);
+    return { first, end };
   });
-  check(reader.left <= MAX_PADDING_BYTES, "message of the link is too long");
+  const padding = reader.rest();
+  const isPadding = padding.length <= MAX_PADDING_BYTES && padding.every((byte) => !byte);
+  check(isPadding && flags < 16, "message of the link: wrong padding or flags");
   const asks = (flags & 4) > 0;
   return {
     kind: "hello",
-    role: flags % 4,
+    role: roleOf(flags % 4),
     asks,
     nonce,
     answers,

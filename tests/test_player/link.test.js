@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { packetsOf } from "../../player/format/call_file.js";
+import { FormatError } from "../../player/format/errors.js";
 import { EVENTS } from "../../player/format/packets.js";
 import { FrameNumbers } from "../../player/link/frame_numbers.js";
 import { parseKey } from "../../player/link/invitation.js";
@@ -101,6 +102,39 @@ test("messages of the vectors", () => {
   const own = parseMessage(helloOf(SESSION, hello.session, { asks: true, nonce: 9, answers: 7 }));
   assert.ok(own.kind === "hello" && own.asks && own.answers === 7);
 });
+
+test("messages in another than their one encoding are refused", () => {
+  const hello = hex("link_hello.hex");
+  const bye = hex("link_bye.hex").subarray(0, 5);
+  const piece = hex("link_piece.hex");
+  const index = piece.length - 4;
+  assert.deepEqual(parseMessage(bye), { kind: "bye", role: 1 });
+  assert.deepEqual(parseMessage(Uint8Array.from([...hello, 0, 0])), parseMessage(hello));
+  for (const wrong of [
+    Uint8Array.from([...hello, 1]),
+    Uint8Array.from([...hello, ...new Uint8Array(513)]),
+    changed(hello, 0, 0x81),
+    changed(hello, 2, 3),
+    changed(hello, 2, 16),
+    Uint8Array.from([...bye, 0]),
+    changed(bye, 2, 3),
+    changed(piece, index, 2),
+    changed(piece.subarray(0, -3), index, 2),
+  ]) {
+    assert.throws(() => parseMessage(wrong), FormatError);
+  }
+});
+
+/**
+ * @param {Uint8Array} data
+ * @param {number} at
+ * @param {number} byte
+ */
+function changed(data, at, byte) {
+  const copy = data.slice();
+  copy[at] = byte;
+  return copy;
+}
 
 test("items are put together in any order, and reported", () => {
   const items = new ItemAssembly();
