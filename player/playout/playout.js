@@ -28,7 +28,7 @@ const LATE_WINDOW = 16;
 /** A first frame packet farther ahead shows that the call was joined late. */
 export const FIRST_WINDOW = 9;
 /** A packet may be at most so far ahead of the last frame. */
-const MAX_GAP_S = 600;
+export const MAX_GAP_S = 600;
 
 /** Turns the packets of a call, in order, into the faces of its source frames. */
 export class Playout {

@@ -2,6 +2,7 @@ import { FormatError } from "../format/errors.js";
 import { parsePacket } from "../format/packets.js";
 import { SmoothReturn } from "./concealment.js";
 import { EncoderSession } from "./encoder_session.js";
+import { MAX_GAP_S } from "./playout.js";
 import { isSamePicture } from "./received_models.js";
 
 /** @typedef {import("../link/delivery_receiver.js").Arrival} Arrival */
@@ -129,7 +130,8 @@ export class Receiver {
   }
 
   /**
-   * The face shown last, as lost, for every source frame before `end`.
+   * The face shown last, as lost, for every source frame before `end`; of a longer gap those at its
+   * end.
    * @param {number} end
    */
   #heldUntil(end) {
@@ -139,6 +141,8 @@ export class Receiver {
     /** @type {PlayoutFrame[]} */
     const frames = [];
     if (!face || !received) return frames;
+    const most = Math.ceil(MAX_GAP_S * received.model.call.fps);
+    this.nextFrame = Math.max(this.nextFrame, end - most);
     for (; this.nextFrame < end; this.nextFrame++) {
       this.smoothReturn.interrupt();
       playout.skipTo(this.nextFrame + 1 - (offset ?? 0));

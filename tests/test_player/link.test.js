@@ -227,6 +227,21 @@ test("a packet that never comes is bridged once its time is over", () => {
   assert.ok(EVENTS.END === 0);
 });
 
+test("a call that begins again a day later is not filled from end to end", () => {
+  const all = arrivals();
+  const receiver = new Receiver();
+  const before = all.flatMap((arrival) => receiver.receive(arrival, 0));
+  const again = all.map((arrival) => ({ ...arrival, session: 1 }));
+  const after = again.flatMap((arrival) => receiver.receive(arrival, 86400));
+  const { index, isLost, timeS } = after[after.length - 1];
+  assert.ok(index > 2e6 && timeS > 86000 && !isLost && receiver.ended);
+  assert.ok(after.length > before.length && after.length < 20000);
+  assert.deepEqual(
+    after.map((frame) => frame.index),
+    after.map((_, i) => index - after.length + 1 + i),
+  );
+});
+
 test("frames are shown at their distances, as late as the latest needs", () => {
   /** @type {Presenter<{timeS: number}>} */
   const presenter = new Presenter();
