@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from decoder.call_pictures import CallPictures, DrawnFrame
+from decoder.call_pictures import CallPictures, DrawnFrame, FaceObserver
 from decoder.playout.call_source import CallSource
 from decoder.playout.duration import count_frames
+from decoder.playout.playout import PlayoutFrame
 from decoder.playout.received_frames import DecodeStats
 from decoder.playout.receiver import Receiver
 from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, keeps_times, open_sink
@@ -17,6 +18,7 @@ from decoder.sinks.video_file import TIMED
 from decoder.sound.sound_track import SoundTrack, open_sound_track
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import MessageCallback, ignore_message
+from protocol.model_packet import ModelPacket
 from shared_model.arrays import Samples
 from shared_model.stage_timer import frame_times
 
@@ -83,6 +85,7 @@ def decode(
     on_message: MessageCallback = ignore_message,
     show: ShowCallback | None = None,
     play: PlayCallback | None = None,
+    observer: FaceObserver | None = None,
 ) -> DecodeReport:
     """Decode one call to its end, or until `stop`; pictures decoded by then are written.
 
@@ -91,6 +94,7 @@ def decode(
     show: called with each picture and the sender's parameters, as soon as it is drawn.
     play: called with the voice as far as it is known up to the newest picture: time of its first
         sample in the call, seconds; samples per second; samples, (n,) int16.
+    observer: takes the faces; pictures are drawn if it wants them or there is an output.
     Raises `UserError` if the call cannot be read, drawn or written; with exit code 4 if its encoder
     leaves before it has sent a face.
     """
@@ -98,15 +102,27 @@ def decode(
         check_sink(options.output)
     total = count_frames(options.call_file) if isinstance(options.call_file, Path) else None
     with ExitStack() as stack:
-        pictures = stack.enter_context(CallPictures(options, stop, on_message))
-        pictures.stats.keeps_times = True
+        faces = _Faces(observer, options.output is not None) if observer is not None else None
+        pictures = CallPictures(options, stop, on_message, observer=faces)
+        stack.enter_context(pictures).stats.keeps_times = True
         output = _Output(options.output, play, pictures, stack)
+
+        def note(frame: DrawnFrame | PlayoutFrame) -> None:
+            if not (frame.frozen and frame.lost):
+                progress(pictures.stats.pictures, total)
+
+        def follow(frame: PlayoutFrame) -> None:
+            pictures.stats.note_shown(frame)
+            output.pass_by(frame.index)
+            note(frame)
+
+        if faces is not None:
+            faces.follow = follow
         for frame in pictures:
             output.add(frame)
             if show is not None:
                 show(frame, pictures.sender)
-            if not (frame.frozen and frame.lost):
-                progress(pictures.stats.pictures, total)
+            note(frame)
         output.finish()
         if not pictures.complete and (stop() or options.call_file is None):
             pictures.stats.warnings += _unfinished(options, output.sink, stop())
@@ -114,6 +130,32 @@ def decode(
             warning = f"{excess} bytes after the end of the call are left out"
             pictures.stats.warnings.append(warning)
     return _report(pictures)
+
+
+class _Faces:
+    """A `FaceObserver` between a call and another one.
+
+    is_written: pictures are drawn anyhow.  follow: called with each frame that is not drawn here.
+    """
+
+    def __init__(self, observer: FaceObserver, is_written: bool) -> None:
+        self._observer, self._is_written = observer, is_written
+        self.follow: Callable[[PlayoutFrame], None] = lambda frame: None
+
+    @property
+    def wants_pictures(self) -> bool:
+        """See `FaceObserver`."""
+        return self._is_written or self._observer.wants_pictures
+
+    def see_model(self, model: ModelPacket) -> None:
+        """See `FaceObserver`."""
+        self._observer.see_model(model)
+
+    def see_frame(self, frame: PlayoutFrame, arrival_s: float) -> None:
+        """See `FaceObserver`."""
+        self._observer.see_frame(frame, arrival_s)
+        if not self.wants_pictures:
+            self.follow(frame)
 
 
 def _open_sink(
@@ -158,22 +200,29 @@ class _Output:
     def add(self, frame: DrawnFrame) -> None:
         """Write a picture, and give the voice that is known up to it."""
         if self._start_s is None:
-            self._open(frame)
+            self._open(frame.index)
         if self.sink is not None:
             with self._pictures.timer.stage("write"):
                 picture = in_source_size(frame.picture, self._pictures.shown.source_size)
                 self.sink.write(picture, frame.time_s)
         self._give(self._pictures.receiver.speech.known_until)
 
+    def pass_by(self, index: int) -> None:
+        """Give the voice that is known up to a source frame that is drawn elsewhere."""
+        if self._start_s is None:
+            self._open(index)
+        self._give(self._pictures.receiver.speech.known_until)
+
     def finish(self) -> None:
         """Give the rest of the voice, as long as there are pictures."""
         self._give(None)
 
-    def _open(self, first: DrawnFrame) -> None:
+    def _open(self, index: int) -> None:
+        """Begin with a source frame."""
         sender = self._pictures.sender
-        self._start_s = first.index / sender.fps
+        self._start_s = index / sender.fps
         if self._path is not None or self._play is not None:
-            self._sound = open_sound_track(self._pictures.receiver.speech, sender, first.index)
+            self._sound = open_sound_track(self._pictures.receiver.speech, sender, index)
         if self._path is not None:
             opened = _open_sink(self._path, self._pictures, self._sound)
             self.sink = self._stack.enter_context(ThreadedSink(opened))

@@ -14,9 +14,11 @@ class FaceDrawer {
   /**
    * @param {ArrayBuffer} data the player's data file
    * @param {string} script address of this script
+   * @param {number} kept models: the faces of older ones cannot be drawn any more
    */
-  constructor(data, script) {
-    this.faces = new FaceCanvas(document.createElement("canvas"), data, new Worker(script));
+  constructor(data, script, kept) {
+    this.kept = kept;
+    this.faces = new FaceCanvas(document.createElement("canvas"), data, new Worker(script), kept);
     /** @type {ShownModel[]} */
     this.models = [];
   }
@@ -32,7 +34,7 @@ class FaceDrawer {
    */
   addModel(message) {
     const shown = parseModelMessage(message);
-    this.models = [...this.models.slice(1 - KEPT_MODELS), shown];
+    this.models = [...this.models.slice(1 - this.kept), shown];
     this.faces.addModel(shown);
   }
 
@@ -64,6 +66,7 @@ function canDraw(isForced) {
 if (typeof document === "undefined") runDecodeWorker();
 else {
   const script = /** @type {HTMLScriptElement} */ (document.currentScript).src;
-  const make = (/** @type {ArrayBuffer} */ data) => new FaceDrawer(data, script);
+  const make = (/** @type {ArrayBuffer} */ data, kept = KEPT_MODELS) =>
+    new FaceDrawer(data, script, kept);
   Object.assign(window, { faces: { canDraw, make, parse: parseFace, PlayoutDelay } });
 }

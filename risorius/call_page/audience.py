@@ -14,6 +14,8 @@ from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 
 # Messages of each stream that may wait for one watcher: a packet's eight pictures come at once.
 MAX_WAITING = 24
+# Faces are small, and a recorded call is kept by the page.
+MAX_WAITING_FACES = 512
 # How often it is looked whether anything still waits.
 NAP_S = 0.01
 
@@ -38,7 +40,8 @@ class Watcher:
 
     def put(self, message: PictureMessage | FaceMessage | SoundMessage) -> None:
         """Add a picture, face or sound; if there are too many of its stream, the oldest goes."""
-        self._put(message.stream, message, MAX_WAITING)
+        is_face = isinstance(message, FaceMessage)
+        self._put(message.stream, message, MAX_WAITING_FACES if is_face else MAX_WAITING)
 
     def put_model(self, message: ModelMessage) -> None:
         """Add a model."""

@@ -11,7 +11,12 @@ from contextlib import suppress
 from typing import BinaryIO, Self, cast
 
 from decoder.call_pictures import DrawnFrame
+from decoder.playout.playout import PlayoutFrame
 from protocol.call_parameters import CallParameters
+from protocol.model_packet import ModelPacket
+from risorius.call_page.face_message import FaceMessage, ModelMessage, face_values
+from risorius.call_page.messages import PictureMessage, Stream
+from risorius.call_page.numbered_models import NumberedModels
 from risorius.call_page.page_thread import PageThread
 from shared_model.arrays import Samples
 
@@ -22,7 +27,9 @@ PIPE_BYTES = 1 << 20
 
 
 class CallView:
-    """Shows the pictures of a call on a page; a context manager.
+    """Shows a call on a page; a context manager and a `FaceObserver`.
+
+    A page that can draws the faces; for others pictures are drawn here.
 
     announce: called with the page's address.
     name: of the call, as the page's title.
@@ -43,7 +50,10 @@ class CallView:
     ) -> None:
         self._name, self._paced, self._stop = name, paced, stop
         self._start_s: float | None = None
-        self._page = PageThread(port)
+        self._page, self._has_faces = PageThread(port), False
+        self._models = NumberedModels(
+            lambda number, packet: self._page.show_model(ModelMessage(Stream.OTHER, number, packet))
+        )
         self._tell("waiting for the call", over="Waiting for the call …")
         announce(self._page.address)
         open_browser(self._page.address)
@@ -53,13 +63,33 @@ class CallView:
 
     def show(self, frame: DrawnFrame, sender: CallParameters) -> None:
         """Show one picture, at its time if the call is paced."""
-        time_s = frame.index / sender.fps
-        if self._start_s is None:
-            self._start_s = time.monotonic() - time_s
-            self._tell(f"{sender.width}x{sender.height}, {sender.fps:.4g} pictures a second")
-        if self._paced:
-            self._sleep_until(self._start_s + time_s)
+        time_s = self._wait_for(frame.index, sender)
         self._page.show(frame.index, time_s, frame.picture, frame.frozen, frame.lost)
+
+    @property
+    def wants_pictures(self) -> bool:
+        """See `FaceObserver`."""
+        return self._page.needs_pictures or not self._has_faces
+
+    def see_model(self, model: ModelPacket) -> None:
+        """See `FaceObserver`; pages do not draw a picture residual."""
+        if model.call.has_residual:
+            return
+        self._models.number_of(model)
+        if not self._has_faces:
+            self._has_faces = True
+            self._page.tell("faces")
+
+    def see_frame(self, frame: PlayoutFrame, arrival_s: float) -> None:
+        """See `FaceObserver`: pages draw the face, at its time if the call is paced."""
+        if not self._has_faces:
+            return
+        time_s = self._wait_for(frame.index, frame.model.call)
+        shown = PictureMessage(
+            Stream.OTHER, frame.index, time_s, 1000 * time.time(), b"", frame.frozen, frame.lost
+        )
+        number, values = self._models.number_of(frame.model), face_values(frame.face)
+        self._page.show_face(FaceMessage(shown, number, frame.presence, values))
 
     def play(self, time_s: float, rate_hz: int, samples: Samples) -> None:
         """Play the voice, see `decoder.pipeline.decode`."""
@@ -70,6 +100,16 @@ class CallView:
 
     def __exit__(self, *exception: object) -> None:
         self._page.close()
+
+    def _wait_for(self, index: int, sender: CallParameters) -> float:
+        """Wait for the time of a source frame if the call is paced; returns that in the source."""
+        time_s = index / sender.fps
+        if self._start_s is None:
+            self._start_s = time.monotonic() - time_s
+            self._tell(f"{sender.width}x{sender.height}, {sender.fps:.4g} pictures a second")
+        if self._paced:
+            self._sleep_until(self._start_s + time_s)
+        return time_s
 
     def _tell(self, text: str, over: str = "") -> None:
         self._page.tell("state", name=self._name, text=text, over=over)

@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import cv2
 
+from risorius.call_page.face_message import FaceMessage, ModelMessage
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_server import PageServer
 from risorius.page.loop_thread import LoopThread
@@ -20,15 +21,17 @@ NAP_S, LAST_S, LINGER_S = 0.1, 5.0, 0.5
 
 
 class PageThread:
-    """A page that shows pictures; a context manager.  port: TCP port on this host; 0: any free one.
+    """A page that shows pictures, or draws faces; a context manager.
 
+    port: TCP port on this host; 0: any free one.
+    needs_pictures: a page is there that does not draw faces.
     Raises `UserError` if the port is taken.
     """
 
     def __init__(self, port: int) -> None:
-        self._loop = LoopThread()
+        self._loop, self.needs_pictures = LoopThread(), False
         try:
-            self._server = self._loop.run(_opened(port))
+            self._server = self._loop.run(self._opened(port))
         except BaseException:
             self._loop.close()
             raise
@@ -56,6 +59,14 @@ class PageThread:
         )
         self._loop.call(self._server.show, message)
 
+    def show_face(self, face: FaceMessage) -> None:
+        """Show a face on pages that draw."""
+        self._loop.call(self._server.show_face, face)
+
+    def show_model(self, model: ModelMessage) -> None:
+        """Give pages that draw a model."""
+        self._loop.call(self._server.show_model, model)
+
     def play(self, time_s: float, rate_hz: int, samples: Samples) -> None:
         """Play a voice, (n,) int16 at `rate_hz`; time_s: of its first sample in the source."""
         message = SoundMessage(Stream.VOICE, rate_hz, time_s, 0.0, samples.tobytes())
@@ -81,11 +92,13 @@ class PageThread:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
+    async def _opened(self, port: int) -> PageServer:
+        server = PageServer(on_need=self._need)
+        await server.open(port)
+        return server
 
-async def _opened(port: int) -> PageServer:
-    server = PageServer()
-    await server.open(port)
-    return server
+    def _need(self, is_needed: bool) -> None:
+        self.needs_pictures = is_needed
 
 
 def encoded_picture(picture: Picture) -> bytes:

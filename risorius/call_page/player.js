@@ -27,7 +27,7 @@ const now = () => performance.now() / 1000;
  * @typedef {{offset: number | null, reset: () => void,
  *   arrived: (timeS: number, nowS: number, marginS: number) => boolean}} PlayoutDelay */
 /** What the script `face_drawer.js` gives.
- * @type {{canDraw: (isForced: boolean) => boolean, make: (data: ArrayBuffer) => FaceDrawer,
+ * @type {{canDraw: (isForced: boolean) => boolean, make: (data: ArrayBuffer, kept?: number) => FaceDrawer,
  *   parse: (data: ArrayBuffer, start: number) => object, PlayoutDelay: new () => PlayoutDelay}} */
 // @ts-expect-error: that script is built
 const faces = window.faces;
@@ -59,6 +59,8 @@ class Player {
     this.slowAt = -Infinity;
     /** @type {FaceDrawer | null} null: faces do not come */
     this.drawer = null;
+    /** @type {Picture | undefined} a face whose model is still being decoded */
+    this.due = undefined;
   }
   /** From the time in the source to that of the page, seconds; null: not known yet. */
   get offset() {
@@ -69,6 +71,10 @@ class Player {
   }
   reset() {
     this.delay.reset();
+    this.clear();
+  }
+  clear() {
+    this.due = undefined;
     this.drop(this.queue.length);
   }
   /** @param {number} count */
@@ -79,7 +85,7 @@ class Player {
    * @param {number} time
    * @param {number} margin */
   arrived(time, margin) {
-    if (this.delay.arrived(time, now(), margin)) this.drop(this.queue.length);
+    if (this.delay.arrived(time, now(), margin)) this.clear();
   }
   /** Takes a picture that is not decoded.  One after the other: two may be ready in another order.
    * @param {Picture} picture */
@@ -156,10 +162,13 @@ class Player {
       this.queue[due].time + (this.offset ?? 0) <= at + HALF_FRAME_S
     )
       due++;
-    if (!due) return;
-    this.drop(due - 1);
-    const picture = this.queue.shift();
+    if (due) {
+      this.drop(due - 1);
+      this.due = this.queue.shift();
+    }
+    const picture = this.due;
     if (!picture || !(picture.face ? this.drawFace(picture) : this.drawBitmap(picture))) return;
+    this.due = undefined;
     this.shown++;
     this.index = picture.index;
     this.frozen = picture.frozen;

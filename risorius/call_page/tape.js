@@ -100,13 +100,19 @@ const tape = {
     const picture = this.pictures[number],
       player = players[OTHER];
     if (!picture || this.isDrawing || number === this.shown) return;
+    if (picture.face) {
+      if (!player.drawFace(picture)) return;
+      player.index = picture.index;
+      player.frozen = picture.frozen;
+      this.shown = number;
+      return;
+    }
     this.isDrawing = true;
     try {
       const bitmap = await createImageBitmap(
         new Blob([/** @type {Uint8Array<ArrayBuffer>} */ (picture.jpeg)], { type: "image/jpeg" }),
       );
-      player.context.drawImage(bitmap, 0, 0, player.canvas.width, player.canvas.height);
-      bitmap.close();
+      player.drawBitmap({ ...picture, bitmap });
       player.index = picture.index;
       player.frozen = picture.frozen;
       this.shown = number;

@@ -184,6 +184,8 @@ def _decode(
                 progress.say,
                 view.show if view is not None else None,
                 view.play if view is not None and is_heard else None,
+                # Pages do not draw another one's face.
+                view if arguments.face is None else None,
             )
         except UserError as error:
             raise _reason(error, stop, idle) from error

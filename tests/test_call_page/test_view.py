@@ -21,6 +21,7 @@ from videos import endless_video
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
 from loopback.browser import Browser
+from loopback.played_letter import SOFTWARE_GL
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_records import RecordWriter
 from risorius.cli import main
@@ -60,6 +61,27 @@ def test_every_picture_of_a_call_is_shown_at_its_time(
     shown = picture_of(data)
     last = cv2.imread(str(written[-1]))
     assert last is not None and cv2.PSNR(shown, last) > 30
+
+
+def test_a_page_that_can_draws_the_faces(
+    call: Path, tmp_path: Path, start: Start, chromium: str
+) -> None:
+    assert main(["decode", str(call), "-o", str(tmp_path / "%04d.png"), "-q"]) == 0
+    written = sorted(tmp_path.glob("*.png"))
+    viewer = start("decode", call, "--view", "-q")
+    with Browser(chromium, tmp_path / "b", 800, 640, *SOFTWARE_GL) as browser:
+        browser.call("Page.navigate", url=f"{address_of(viewer)}?draws")
+        code, stderr = finish(viewer)
+        assert (code, stderr) == (0, "")
+        # The last face waits until its model has been decoded.
+        browser.wait(f"ended && players[OTHER].index == {len(written) - 1}")
+        browser.wait("players[OTHER].drawer?.scene")
+        for place in (len(written) - 1, len(written) // 2):
+            browser.value(f"tape.touch(tape.pictures.find(p => p.index == {place}).time, false)")
+            browser.wait(f"tape.isTouched && players[OTHER].index == {place}")
+            shown = picture_of(browser.value("el('other').toDataURL('image/png')"))
+            drawn = cv2.imread(str(written[place]))
+            assert drawn is not None and cv2.PSNR(shown, drawn) > 40
 
 
 def picture_of(data_url: str) -> Any:
