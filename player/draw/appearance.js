@@ -14,13 +14,14 @@ import { blendSurroundSeam } from "./surround_seam.js";
 /** @typedef {import("./closed_lids.js").Lids} Lids */
 /** @typedef {import("./local_colours.js").ColourLimits} ColourLimits */
 /**
- * The decoded texture of a caller; limits and lids are of the default profile, null until known.
+ * The decoded texture of a caller.
  * @typedef {object} MeanTexture
  * @property {number} size texels a side
  * @property {Uint8Array} mean (size, size, 3) R, G, B
- * @property {ColourLimits | null} limits
- * @property {Lids | null} lids
+ * @property {ColourLimits | null} limits of the default profile; null until known
+ * @property {Lids | null} lids likewise
  */
+/** What is known last of a texture. @typedef {{limits: ColourLimits, lids: Lids}} TextureDetails */
 
 const MAX_SIDE_PX = 1024;
 const MAX_MODE_TEXELS = 4 * 1024 * 1024;
@@ -29,12 +30,11 @@ const MAX_MODE_TEXELS = 4 * 1024 * 1024;
 export class AppearanceDecoder {
   /**
    * @param {ProbabilityNetworks} networks
-   * @param {Head} head
    * @param {Uint8Array} texture
    * @param {Image} image the picture in it
    * @param {boolean} isThesis
    */
-  constructor(networks, head, texture, image, isThesis) {
+  constructor(networks, texture, image, isThesis) {
     const { width, height } = image;
     const isRight = width === height && width >= 2 && width <= MAX_SIDE_PX;
     check(isRight, `texture is ${width}x${height}, expected a square`);
@@ -46,7 +46,6 @@ export class AppearanceDecoder {
     if (!isThesis) blendSurroundSeam(image);
     const mean = new Uint8Array(values.length);
     for (let i = 0; i < values.length; i++) mean[i] = toByte(values[i]);
-    this.head = head;
     this.isThesis = isThesis;
     this.texture = texture;
     /** @type {LocalColours | null} */
@@ -58,12 +57,17 @@ export class AppearanceDecoder {
     this.known = [];
   }
 
-  /** Find limits and lids of the mean: they are needed where modes are, or lids that close. */
-  complete() {
+  /**
+   * Limits and lids of the mean: they are needed where modes are, or lids that close.
+   * @param {Head} head
+   * @returns {TextureDetails}
+   */
+  details(head) {
     const { size, mean } = this.mean;
-    const atlas = new Atlas(this.head, size);
-    const { low, high } = (this.colours = new LocalColours(mean, atlas));
-    this.mean = { size, mean, limits: { low, high }, lids: lidsOf(mean, atlas) };
+    const atlas = new Atlas(head, size);
+    this.colours = new LocalColours(mean, atlas);
+    const { low, high } = this.colours;
+    return { limits: { low, high }, lids: lidsOf(mean, atlas) };
   }
 
   /**

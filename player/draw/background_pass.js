@@ -1,5 +1,5 @@
 import { PICTURE_CORNERS } from "../model/layer_motion.js";
-import { bufferOf, Program, Texture, writeBuffer } from "./gl.js";
+import { bufferOf, programOf, Texture, writeBuffer } from "./gl.js";
 import { BACKGROUND } from "./shaders.js";
 
 /** @typedef {import("../model/background_mesh.js").BackgroundMesh} BackgroundMesh */
@@ -29,7 +29,7 @@ export class BackgroundPass {
     this.gl = gl;
     const { width, height } = mesh.camera;
     this.size = [width, height];
-    this.program = new Program(gl, BACKGROUND);
+    this.program = programOf(gl, BACKGROUND);
     this.layers = [pictures.moving, ...(pictures.still ? [pictures.still] : [])];
     this.textures = this.layers.map((layer) => {
       const texture = new Texture(gl, layer.width, layer.height);

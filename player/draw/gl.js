@@ -1,7 +1,7 @@
 /** @typedef {import("./background_pictures.js").Bitmap} Bitmap */
 
 /** A program of two shaders, and its uniforms by name. */
-export class Program {
+class Program {
   /**
    * @param {WebGL2RenderingContext} gl
    * @param {{vertex: string, fragment: string}} shaders
@@ -95,6 +95,22 @@ export class Program {
     gl.bindVertexArray(null);
     return array;
   }
+}
+
+/** @type {WeakMap<WebGL2RenderingContext, Map<object, Program>>} */
+const programs = new WeakMap();
+
+/**
+ * The program of two shaders, made once.
+ * @param {WebGL2RenderingContext} gl
+ * @param {{vertex: string, fragment: string}} shaders
+ */
+export function programOf(gl, shaders) {
+  const known = programs.get(gl) ?? new Map();
+  programs.set(gl, known);
+  const program = known.get(shaders) ?? new Program(gl, shaders);
+  known.set(shaders, program);
+  return program;
 }
 
 /**

@@ -1,6 +1,6 @@
 import { drawingOrder, insideMouth, teethFalloff } from "./drawing_order.js";
 import { EdgeMesh, VERTEX_FLOATS } from "./edge_mesh.js";
-import { bufferOf, Program, Texture, writeBuffer } from "./gl.js";
+import { bufferOf, programOf, Texture, writeBuffer } from "./gl.js";
 import { EDGE, HEAD } from "./shaders.js";
 
 /** @typedef {import("../model/head.js").Head} Head */
@@ -38,10 +38,10 @@ export class HeadPass {
     this.edges = new EdgeMesh(head);
     const { ordered, ends } = drawingOrder(head);
     this.ends = { ...ends, all: ordered.length };
-    this.program = new Program(gl, HEAD);
+    this.program = programOf(gl, HEAD);
     this.positions = bufferOf(gl, new Float32Array(3 * head.count));
     this.array = this.#headArray(ordered);
-    this.edgeProgram = new Program(gl, EDGE);
+    this.edgeProgram = programOf(gl, EDGE);
     this.strips = bufferOf(gl, this.edges.strips);
     this.edgeArray = this.#edgeArray();
   }

@@ -7,6 +7,7 @@ import { decodeImage } from "./images.js";
 
 /** @typedef {import("../data_file.js").Arrays} Arrays */
 /** @typedef {import("./appearance.js").MeanTexture} MeanTexture */
+/** @typedef {import("./appearance.js").TextureDetails} TextureDetails */
 /** @typedef {import("./background_pictures.js").BackgroundPictures} BackgroundPictures */
 /** @typedef {import("./images.js").DecodeWebp} DecodeWebp */
 /**
@@ -24,6 +25,7 @@ import { decodeImage } from "./images.js";
  * steps before.  A mean replaces the modes as well; null: as before.
  * @typedef {object} DecodedStep
  * @property {MeanTexture | null} mean
+ * @property {TextureDetails | null} details of that mean
  * @property {Float32Array[]} modes
  * @property {BackgroundPictures | null} background
  * @property {boolean} isLast
@@ -38,7 +40,9 @@ export class ModelDecoder {
   constructor(data, decodeWebp) {
     this.decodeWebp = decodeWebp;
     this.networks = new ProbabilityNetworks(/** @type {Map<string, Int32Array>} */ (data));
-    this.heads = new Heads(data);
+    this.data = data;
+    /** @type {Heads | null} made when it is needed: after the first pictures */
+    this.heads = null;
     /** @type {AppearanceDecoder | null} */
     this.appearance = null;
     /** @type {Uint8Array} of the model before */
@@ -54,9 +58,8 @@ export class ModelDecoder {
   async *decode({ isThesis, width, height, texture, modes, background }) {
     let mean = null;
     if (!this.appearance?.isOf(texture, modes)) {
-      const head = this.heads.of({ isThesis });
       const image = await this.#image(texture, "texture");
-      this.appearance = new AppearanceDecoder(this.networks, head, texture, image, isThesis);
+      this.appearance = new AppearanceDecoder(this.networks, texture, image, isThesis);
       mean = this.appearance.mean;
     }
     let pictures = null;
@@ -66,15 +69,15 @@ export class ModelDecoder {
       pictures = await decodeBackground(this.networks, decode, background, width, height);
       this.background = background;
     }
-    if (mean || pictures) yield { mean, modes: [], background: pictures, isLast: false };
+    /** @type {DecodedStep} */
+    const none = { mean: null, details: null, modes: [], background: null, isLast: false };
+    if (mean || pictures) yield { ...none, mean, background: pictures };
     if (mean && !isThesis) {
-      this.appearance.complete();
-      yield { mean: this.appearance.mean, modes: [], background: null, isLast: false };
+      this.heads ??= new Heads(this.data);
+      yield { ...none, details: this.appearance.details(this.heads.of({ isThesis })) };
     }
-    for (const mode of this.appearance.further(modes)) {
-      yield { mean: null, modes: [mode], background: null, isLast: false };
-    }
-    yield { mean: null, modes: [], background: null, isLast: true };
+    for (const mode of this.appearance.further(modes)) yield { ...none, modes: [mode] };
+    yield { ...none, isLast: true };
   }
 
   /**

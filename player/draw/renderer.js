@@ -1,6 +1,7 @@
 import { BackgroundPass } from "./background_pass.js";
-import { Target } from "./gl.js";
+import { programOf, Target } from "./gl.js";
 import { HeadPass } from "./head_pass.js";
+import { BACKGROUND, EDGE, HEAD } from "./shaders.js";
 
 /** @typedef {import("../model/background_mesh.js").BackgroundMesh} BackgroundMesh */
 /** @typedef {import("../model/geometry.js").Camera} Camera */
@@ -89,6 +90,14 @@ export class Renderer {
     this.head.close();
     this.target.colour.close();
   }
+}
+
+/**
+ * Make the programs before they are needed: that takes long where there is no graphics card.
+ * @param {WebGL2RenderingContext} gl
+ */
+export function prepareToDraw(gl) {
+  for (const shaders of [BACKGROUND, HEAD, EDGE]) programOf(gl, shaders);
 }
 
 /**

@@ -1,8 +1,7 @@
-import { BackgroundMesh, NEAR_MM } from "../model/background_mesh.js";
+import { NEAR_MM } from "../model/background_mesh.js";
 import { cameraFromHead, matrixFromQuaternion } from "../model/geometry.js";
 import { fieldsAtMesh, movedCorners, ownMotion, splitCoefficients } from "../model/layer_motion.js";
 import { smoothstep } from "../model/parameters.js";
-import { Person, referenceFace } from "../model/person.js";
 import { Appearance } from "./appearance.js";
 import { faceArea } from "./face_area.js";
 import { changeOf } from "./layer_colours.js";
@@ -11,11 +10,11 @@ import { ResidualPicture } from "./residual_picture.js";
 
 /** @typedef {import("../format/model_packet.js").ModelPacket} ModelPacket */
 /** @typedef {import("../model/head.js").Head} Head */
-/** @typedef {import("../model/heads.js").Heads} Heads */
 /** @typedef {import("../model/parameters.js").Pose} Pose */
 /** @typedef {import("../playout/playout.js").PlayoutFrame} PlayoutFrame */
 /** @typedef {import("./appearance.js").MeanTexture} MeanTexture */
 /** @typedef {import("./background_pictures.js").BackgroundPictures} BackgroundPictures */
+/** @typedef {import("./scene_geometry.js").SceneGeometry} SceneGeometry */
 /**
  * The pictures of a model.
  * @typedef {object} ModelPictures
@@ -32,21 +31,18 @@ const OPEN_MOUTH_MM = 12;
 export class Scene {
   /**
    * @param {WebGL2RenderingContext} gl whose canvas has the size of the pictures
-   * @param {Heads} heads
+   * @param {SceneGeometry} geometry
    * @param {ModelPacket} model
    * @param {ModelPictures} pictures
    */
-  constructor(gl, heads, model, pictures) {
-    const head = heads.of(model.call);
+  constructor(gl, { head, person, mesh }, model, pictures) {
     this.head = head;
     this.model = model;
     this.layers = { ...pictures.background, changes: pictures.background.changes.length };
     this.pictures = pictures;
     this.camera = model.call;
-    this.person = new Person(head, heads.residualShapeOf(model), model);
-    const reference = referenceFace(model);
-    const vertices = this.person.animate(reference.eau);
-    this.mesh = new BackgroundMesh(this.camera, reference.pose, head, vertices);
+    this.person = person;
+    this.mesh = mesh;
     const { fields } = pictures.background;
     this.fields = fields ? fieldsAtMesh(this.mesh, fields) : [];
     this.appearance = new Appearance(pictures.mean, pictures.modes);
@@ -118,20 +114,22 @@ export class Scene {
   }
 
   /**
-   * Whether it draws a model with these pictures, modes apart.
+   * Whether it draws a model with these pictures, limits, lids and modes apart.
    * @param {ModelPacket} model
    * @param {ModelPictures} pictures
    */
   draws(model, { mean, background }) {
-    const isSame = mean === this.pictures.mean && background === this.pictures.background;
+    const own = this.pictures;
+    const isSame = mean.mean === own.mean.mean && background === own.background;
     return isSame && model.version === this.model.version;
   }
 
   /**
-   * Draw with these appearance modes from now on.
-   * @param {Float32Array[]} modes
+   * Draw with these limits, lids and appearance modes from now on.
+   * @param {ModelPictures} pictures
    */
-  setModes(modes) {
+  setAppearance({ mean, modes }) {
+    this.appearance.mean = mean;
     this.appearance.modes = modes;
   }
 

@@ -1,5 +1,7 @@
 import { readDataFile } from "../data_file.js";
+import { prepareToDraw } from "../draw/renderer.js";
 import { Scene } from "../draw/scene.js";
+import { SceneGeometry } from "../draw/scene_geometry.js";
 import { FormatError } from "../format/errors.js";
 import { Heads } from "../model/heads.js";
 import { afterStep, codedPictures } from "../playout/models_of_call.js";
@@ -39,9 +41,12 @@ export class FaceCanvas {
     this.onStep = () => {};
     /** @type {Scene | null} */
     this.scene = null;
+    /** @type {WeakMap<CodedModel["model"], SceneGeometry>} */
+    this.geometries = new WeakMap();
     this.worker = worker;
     worker.onmessage = (/** @type {MessageEvent<Answer>} */ { data: answer }) => this.#take(answer);
     worker.postMessage({ data });
+    if (this.gl) prepareToDraw(this.gl);
   }
 
   /** Whether all models have been decoded. */
@@ -61,6 +66,15 @@ export class FaceCanvas {
     }
     this.waiting.push(coded);
     this.worker.postMessage(codedPictures(coded));
+    // Of the first model while the worker decodes its pictures, else when it is drawn.
+    if (!this.scene) this.#geometryOf(coded.model);
+  }
+
+  /** @param {CodedModel["model"]} model */
+  #geometryOf(model) {
+    const geometry = this.geometries.get(model) ?? new SceneGeometry(this.heads, model);
+    this.geometries.set(model, geometry);
+    return geometry;
   }
 
   /** @param {Answer} answer */
@@ -92,9 +106,9 @@ export class FaceCanvas {
     }
     if (!this.scene?.draws(coded.model, pictures)) {
       this.scene?.close();
-      this.scene = new Scene(this.gl, this.heads, coded.model, pictures);
+      this.scene = new Scene(this.gl, this.#geometryOf(coded.model), coded.model, pictures);
     }
-    this.scene.setModes(pictures.modes);
+    this.scene.setAppearance(pictures);
     this.#drawFrame(this.scene, frame);
     this.scene.show();
     return true;

@@ -28,9 +28,10 @@ export function codedPictures({ model, modes }) {
  * @param {ModelPictures | undefined} before those after the step before, or of the model before
  * @returns {ModelPictures}
  */
-export function afterStep({ mean, modes, background }, before) {
+export function afterStep({ mean, details, modes, background }, before) {
   const known = mean || !before ? [] : before.modes;
-  const ownMean = mean ?? before?.mean;
+  const newest = mean ?? before?.mean;
+  const ownMean = newest && details ? { ...newest, ...details } : newest;
   const ownBackground = background ?? before?.background;
   if (!ownMean || !ownBackground) throw new Error("a model builds on one that is not decoded");
   return { mean: ownMean, modes: [...known, ...modes], background: ownBackground };
