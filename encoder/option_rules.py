@@ -14,12 +14,22 @@ Options = Mapping[str, object]
 # How an option and its value are written in a message.
 Spelling = Callable[[str, object], str]
 
+# Values of other options that one option stands for; each may still be given by itself.
+PRESETS: Mapping[str, Options] = {
+    "thesis-literal": {
+        "profile": "thesis",
+        "aam": "builtin",
+        "abs": "mirrored-matrix",
+        "normalise": "retinex",
+    },
+}
 CHOICES: Mapping[str, tuple[str, ...]] = {
+    "preset": tuple(PRESETS),
     "profile": ("default", "thesis"),
     "detector": ("network", "haar"),
     "tracker": ("single", "full"),
     "normalise": ("none", "retinex"),
-    "abs": ("gauss-newton", "mirrored", "matrix"),
+    "abs": ("gauss-newton", "mirrored", "matrix", "mirrored-matrix"),
     "voice": VOICES,
 }
 # Options that have an effect in one profile only, and their defaults.
@@ -27,6 +37,8 @@ THESIS_OPTIONS: Options = {
     "lids": False,
     "detector": "network",
     "aam": None,
+    "nose_cascade": None,
+    "aam_every_frame": False,
     "tracker": "full",
     "without": frozenset(),
     "normalise": "none",
@@ -46,6 +58,7 @@ NO_EFFECT: Mapping[tuple[str, str], tuple[str, ...]] = {
     ("tracker", "single"): ("without", "normalise", "abs", "refine"),
     ("without", "abs"): ("normalise", "abs", "refine"),
     ("detector", "haar"): ("lids", "refine"),
+    ("detector", "network"): ("nose_cascade",),
 }
 # Option -> options that have no effect where it is given.
 REPLACED: Mapping[str, tuple[str, ...]] = {"aam": ("detector",)}
@@ -81,6 +94,16 @@ RANGES: Mapping[str, Range] = {
 }
 
 
+def with_preset(options: Options) -> dict[str, object]:
+    """The options, and where they do not say otherwise what their preset stands for."""
+    preset = options.get("preset")
+    expanded = dict(options)
+    for name, value in PRESETS[str(preset)].items() if preset is not None else ():
+        if options.get(name, THESIS_OPTIONS.get(name)) == THESIS_OPTIONS.get(name):
+            expanded[name] = value
+    return expanded
+
+
 def check_value(name: str, value: object) -> None:
     """Raise `ValueError` if the option cannot have this value, which is not None."""
     if name in CHOICES and value not in CHOICES[name]:
@@ -98,6 +121,7 @@ def chosen_profile(options: Options, spelling: Spelling) -> str:
     options: by name; a missing one has its default.
     Raises `UserError` if one of the options has no effect with the others.
     """
+    options = with_preset(options)
     of_thesis = _given(options, THESIS_OPTIONS, spelling)
     of_default = _given(options, DEFAULT_OPTIONS, spelling)
     if of_thesis and of_default:
@@ -137,11 +161,21 @@ def available_profile() -> str:
 
 
 def _check_effects(options: Options, spelling: Spelling) -> None:
+    replaced = {
+        other
+        for name, others in REPLACED.items()
+        if options.get(name) is not None
+        for other in others
+    }
     for (name, value), others in NO_EFFECT.items():
-        given = options.get(name)
+        given = None if name in replaced else options.get(name)
         is_part = isinstance(given, Collection) and not isinstance(given, str) and value in given
         if given == value or is_part:
             _check_idle(options, name, others, spelling)
+    if options.get("aam") is None and options.get("aam_every_frame"):
+        raise UserError(
+            f"{spelling('aam_every_frame', True)} is about the model of --aam; add --aam MODEL"
+        )
     for name, others in REPLACED.items():
         if options.get(name) is not None:
             _check_idle(options, name, others, spelling)

@@ -75,10 +75,13 @@ class BenchSettings:
     """
 
     profile: str = "default"
+    preset: str | None = None
     bitrate: float = 800.0
     fps: float | None = None
     detector: str = "network"
     aam: str | None = None
+    aam_every_frame: bool = False
+    nose_cascade: str | None = None
     max_frames: int | None = None
     pace: bool = True
     model_bytes: int | None = None
@@ -97,7 +100,11 @@ class BenchSettings:
         options += ["--pace" if self.pace else "--no-pace"]
         options += ["--live"] if self.live else []
         options += ["--delay", str(self.delay)] if self.delay else []
+        options += [] if self.preset is None else ["--preset", self.preset]
         options += [] if self.aam is None else ["--aam", self.aam]
+        options += ["--aam-every-frame"] if self.aam_every_frame else []
+        if self.nose_cascade is not None:
+            options += ["--nose-cascade", self.nose_cascade]
         options += ["--lids"] if self.lids else []
         options += [] if self.refine else ["--no-refine"]
         options += [] if self.fps is None else ["--fps", str(self.fps)]

@@ -7,14 +7,17 @@ if TYPE_CHECKING:
     from encoder.fitting.landmark_source import LandmarkSource
 
 
-def landmark_source(model: str | Path | None) -> "LandmarkSource | None":
-    """What finds landmarks by a model of `risorius train`; None: none is asked for.
+def landmark_source(
+    model: str | Path | None, nose: Path | None = None, every_frame: bool = False
+) -> "LandmarkSource | None":
+    """What finds landmarks by a model; None: none is asked for.
 
+    model: see `named_model`.  nose: see `HaarDetector`.  every_frame: see `LandmarkSource`.
     Raises `UserError` if the file cannot be read or is no model.
     """
     if model is None:
         return None
-    from aam.model_file import read_model
+    from aam.named_model import named_model
     from aam.search.landmark_tracker import ModelLandmarkTracker
 
-    return ModelLandmarkTracker(read_model(Path(model)))
+    return ModelLandmarkTracker(named_model(model), nose, every_frame)

@@ -17,7 +17,7 @@ from aam.annotation.model_landmarks import ModelLandmarks
 from aam.annotation.originals import save_fit
 from aam.annotation.still_fit import StillFit, fit_still
 from aam.annotation.still_texture import kept_texture, kept_window
-from aam.model_file import read_model
+from aam.named_model import BUILTIN, named_model
 from shared_model.arrays import Array, Picture
 from shared_model.errors import NO_FACE, UserError, cannot_read
 from shared_model.mesh import generic_head
@@ -36,7 +36,7 @@ class AnnotationOptions:
 
     projection: see `still_fit.PROJECTIONS`.  residual: fit the residual shape as well.
     landmarks: "network", ".asf" or ".pts" for files beside the pictures, the path of a CSV, or of a
-        trained model (.npz).
+        trained model (.npz), or `BUILTIN`.
     person: a regular expression whose first group in the picture's path names the person; "": each
         picture shows another one.
     """
@@ -142,8 +142,8 @@ class _GivenLandmarks:
         self._table: Mapping[str, Array] = {}
         if source == "network":
             self._search = StillLandmarks()
-        elif source.endswith(MODEL_SUFFIX):
-            self._search = ModelLandmarks(read_model(Path(source)))
+        elif source == BUILTIN or source.endswith(MODEL_SUFFIX):
+            self._search = ModelLandmarks(named_model(source))
         elif source not in LANDMARK_SUFFIXES:
             self._table = read_landmark_csv(Path(source))
 

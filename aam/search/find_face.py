@@ -43,16 +43,20 @@ def is_explained(model: MultiResolutionModel, fit: FaceFit) -> bool:
     return 1 - fit.error >= LEAST_EXPLAINED * model.levels[-1].contrast[0]
 
 
-def find_from_eyes(model: MultiResolutionModel, picture: Picture, eyes_px: Array) -> FaceFit:
+def find_from_eyes(
+    model: MultiResolutionModel, picture: Picture, eyes_px: Array, poses: Sequence[Array] = ()
+) -> FaceFit:
     """The head of a model fitted to a face from the places of its eyes, as a detector finds them.
 
     Searches start at the mean shape, at several poses about the eyes.
     picture: (h, w, 3) or (h, w) uint8 BGR.
     eyes_px: (2, 2) middle of the right and of the left eye, pixels.
+    poses: further poses (6,) where searches start.
     """
     warp, mean = model.warp(0), model.levels[0].shape.mean
     window = face_window(picture, pose_from_eyes(warp, mean, eyes_px), window_px(model.sizes[-1]))
     starts = starts_at_eyes(warp, mean, window.to_window(eyes_px))
+    starts += [window.pose_to_window(pose) for pose in poses]
     warps = [model.warp(number) for number in range(len(model.levels))]
     options = SearchOptions()
     found = find_in_window(model.levels, warps, model.normalisation, window, starts, options)

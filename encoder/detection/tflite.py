@@ -11,7 +11,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from ai_edge_litert.interpreter import Interpreter
 
 from shared_model.arrays import Picture, Single
 
@@ -113,6 +112,9 @@ class TfliteNetwork:
     def __init__(self, path: Path) -> None:
         if not path.is_file():
             raise NetworkFilesMissing(f"{path} is missing")
+        # A tracker by the statistical model does without networks, and without what runs them.
+        from ai_edge_litert.interpreter import Interpreter
+
         try:
             with _stderr_silenced():
                 self._interpreter = Interpreter(str(path), num_threads=1)

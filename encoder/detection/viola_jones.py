@@ -1,6 +1,7 @@
-"""Viola-Jones face detection (thesis 5.1): Haar cascades for face and eyes.
+"""Viola-Jones face detection (thesis 5.1): Haar cascades for face and eyes, and for the nose.
 
-The other keypoints are placed by the proportions of a face.
+OpenCV comes without a cascade for noses; without one the nose, as the other keypoints, is placed by
+the proportions of a face.
 """
 
 from pathlib import Path
@@ -9,13 +10,18 @@ import cv2
 import numpy as np
 
 from encoder.capture.colour import luma_u8
-from encoder.detection.detector import Detection, by_size
+from encoder.detection.detector import KEYPOINTS, Detection, by_size
 from shared_model.arrays import Array, Picture
+from shared_model.errors import UserError
 
 # (longer side of the searched picture, pixels; roll of the face, degrees), the quickest and most
 # frequent first.
 _SEARCH_PASSES = ((480, 0), (480, 20), (480, -20), (480, 40), (480, -40), (1280, 0))
 _EYE_WORKING_PX = 160
+# Half the side of the square about the expected place in which the nose is searched, and the least
+# width of a nose, in terms of the eyes' distance.
+_NOSE_REACH, _LEAST_NOSE = 0.75, 0.35
+_NOSE = KEYPOINTS.index("nose")
 
 # Default height of the eyes in a face box, and their distance from its vertical axis; fractions of
 # the box.
@@ -26,14 +32,23 @@ _KEYPOINTS_FROM_EYES = np.array([[0.0, 0.59], [0.0, 1.08], [-1.07, 0.28], [1.07,
 
 
 class HaarDetector:
-    """Finds upright and moderately rolled frontal faces without a neural network."""
+    """Finds upright and moderately rolled frontal faces without a neural network.
 
-    def __init__(self) -> None:
+    nose: a file with a cascade for noses; None: they are placed.  Raises `UserError` if it is none.
+    """
+
+    def __init__(self, nose: Path | None = None) -> None:
+        self._nose = None if nose is None else _nose_cascade(nose)
         self._face = _cascade("haarcascade_frontalface_alt2.xml")
         self._eyes = [
             _cascade("haarcascade_eye_tree_eyeglasses.xml"),
             _cascade("haarcascade_eye.xml"),
         ]
+
+    @property
+    def detects_nose(self) -> bool:
+        """Whether noses are searched, too."""
+        return self._nose is not None
 
     def detect_large(self, frame: Picture) -> list[Detection]:
         """See `FaceDetector`: there is no quicker look."""
@@ -68,6 +83,7 @@ class HaarDetector:
         for (left, top, width, height), count in zip(boxes, counts, strict=True):
             face = np.asarray(upright[top : top + height, left : left + width], np.uint8)
             keypoints = _keypoints(self._find_eyes(face) + np.array([left, top]))
+            keypoints[_NOSE] = self._find_nose(np.asarray(upright, np.uint8), keypoints)
             centre = np.array([left, top]) + (np.array([width, height]) - 1) / 2
             half = np.array([width, height]) / 2
             turned = back[:, :2] @ centre + back[:, 2]
@@ -105,6 +121,24 @@ class HaarDetector:
                 )
         return expected
 
+    def _find_nose(self, grey: Picture, keypoints: Array) -> Array:
+        """(2,) pixels: the middle of the nose that is nearest to where it is expected."""
+        expected: Array = keypoints[_NOSE]
+        if self._nose is None:
+            return expected
+        eyes_px = float(np.linalg.norm(keypoints[1] - keypoints[0]))
+        start = np.maximum(np.round(expected - _NOSE_REACH * eyes_px).astype(int), 0)
+        stop = np.round(expected + _NOSE_REACH * eyes_px).astype(int)
+        zoom = _EYE_WORKING_PX / (2 * _NOSE_REACH * eyes_px)
+        area = grey[start[1] : stop[1], start[0] : stop[0]]
+        if not area.size:
+            return expected
+        large = cv2.resize(area, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_LINEAR)
+        least = round(_LEAST_NOSE * eyes_px * zoom)
+        boxes = self._nose.detectMultiScale(large, 1.05, 3, minSize=(least, least))
+        middles = [start + (np.array([x + w / 2, y + h / 2]) / zoom - 0.5) for x, y, w, h in boxes]
+        return min(middles, key=lambda at: float(np.linalg.norm(at - expected)), default=expected)
+
 
 def _grey(frame: Picture, long_px: int) -> Picture:
     """Luma of `frame` after histogram equalisation, its longer side `long_px`."""
@@ -125,6 +159,17 @@ def _scaled(face: Detection, factor: Array) -> Detection:
     """The detection in pixels of a picture that is `factor` (2,) times as large."""
     box = (face.box.reshape(2, 2) + 0.5) * factor - 0.5
     return Detection(box.ravel(), (face.keypoints + 0.5) * factor - 0.5, face.score)
+
+
+def _nose_cascade(path: Path) -> cv2.CascadeClassifier:
+    try:
+        cascade = cv2.CascadeClassifier(str(path)) if path.is_file() else None
+    except (cv2.error, SystemError):
+        # OpenCV's binding raises the one within the other.
+        cascade = None
+    if cascade is None or cascade.empty():
+        raise UserError(f"{path} is no cascade classifier of OpenCV")
+    return cascade
 
 
 def _cascade(name: str) -> cv2.CascadeClassifier:

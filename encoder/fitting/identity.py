@@ -65,6 +65,7 @@ def fit_identity(
     active: Sequence[int] | None = None,
     initial: IdentityFit | None = None,
     workers: int | None = 1,
+    sigma_ratio: float = 1.0,
 ) -> IdentityFit:
     """Identity and focal length from all frames, with pose and actuators of each.
 
@@ -76,7 +77,7 @@ def fit_identity(
         nearly so, and the lips are constrained to meet at rest: the active actuators alone must be
         able to close a mouth that is open in the frames.
     initial: identity from other frames of the same person; fewer iterations are made from there.
-    workers: see `parallel_map`.
+    workers: see `parallel_map`.  sigma_ratio: see `LandmarkSource`.
     """
     eau_sigma = _eau_prior_sigma(active)
     model = landmark_model(head)
@@ -92,7 +93,7 @@ def fit_identity(
             lips = lip_closure_constraints(
                 model.index, personal.neutral, model.neutral, model.aau, model.residual
             )
-        return _normal_equations(personal, fitted, landmarks, eau_sigma, lips, workers)
+        return _normal_equations(personal, fitted, landmarks, eau_sigma, lips, workers, sigma_ratio)
 
     fitted, normal = gauss_newton(
         equations,
@@ -130,15 +131,17 @@ def _normal_equations(
     eau_sigma: Array,
     lips: tuple[Array, Array] | None,
     workers: int | None,
+    sigma_ratio: float,
 ) -> Equations:
     """Normal matrix and right side of a Gauss-Newton step, see `apply_identity_increment`.
 
     model: personalised.  eau_sigma: (EAUs,) of the prior.
-    lips: rows and residuals of constraints on AAUs and controls.  workers: see `parallel_map`.
+    lips: rows and residuals of constraints on AAUs and controls.
+    workers, sigma_ratio: see `fit_identity`.
     """
     frames = list(zip(fitted.frames, landmarks, strict=True))
     each = parallel_map(
-        lambda frame: _frame_equations(model, fitted.camera, *frame), frames, workers
+        lambda frame: _frame_equations(model, fitted.camera, *frame, sigma_ratio), frames, workers
     )
     shared = shared_parameter_count(fitted)
     size = shared + FACE_PARAMETERS * len(landmarks)
@@ -166,10 +169,14 @@ def _normal_equations(
 
 
 def _frame_equations(
-    model: LandmarkModel, camera: Camera, face: FaceParameters, points_px: Array
+    model: LandmarkModel,
+    camera: Camera,
+    face: FaceParameters,
+    points_px: Array,
+    sigma_ratio: float,
 ) -> Equations:
     """Of one frame, without priors; see `_identity_jacobian`."""
-    rows, error = _identity_jacobian(model, camera, face, points_px)
+    rows, error = _identity_jacobian(model, camera, face, points_px, sigma_ratio)
     return rows @ rows.T, rows @ error
 
 
@@ -189,7 +196,11 @@ def _shared_prior(fitted: IdentityFit) -> tuple[Array, Array]:
 
 
 def _identity_jacobian(
-    model: LandmarkModel, camera: Camera, face: FaceParameters, points_px: Array
+    model: LandmarkModel,
+    camera: Camera,
+    face: FaceParameters,
+    points_px: Array,
+    sigma_ratio: float,
 ) -> tuple[Array, Array]:
     """Derivatives (n, 3 m) of one frame's weighted measurements by log f, AAUs, controls, w, t,
     EAUs, and their errors (3 m,).
@@ -214,7 +225,7 @@ def _identity_jacobian(
     z_rows = (derivatives[:, 2] - derivatives[:, 2].mean(1, keepdims=True)) * px_per_mm
     z_px = (points[:, 2] - points[:, 2].mean()) * px_per_mm
     z_error = (target[:, 2] - target[:, 2].mean()) - z_px
-    weight = 1 / sigma_px
+    weight = 1 / (sigma_ratio * sigma_px)
     z_weight = weight * (LANDMARK_SIGMA / DEPTH_SIGMA)
     rows = np.concatenate([(jacobian * weight).reshape(len(jacobian), -1), z_rows * z_weight], 1)
     error = (target[:, :2] - predicted).T * weight

@@ -28,12 +28,15 @@ class LandmarkSource(Protocol):
 
     face_count: of the newest search of a whole picture.
     sigma_ratio: standard deviation of its landmarks, in terms of the landmark network's.
+    every_frame: whether its landmarks measure every frame, or the first face, and lost ones, alone.
     """
 
     @property
     def face_count(self) -> int: ...
     @property
     def sigma_ratio(self) -> float: ...
+    @property
+    def every_frame(self) -> bool: ...
 
     def expect(self, face: ExpectedFace | None) -> None:
         """Where the face is expected in the next picture; None: anywhere."""

@@ -19,7 +19,7 @@ from encoder.fitting.landmark_fit import (
     personalise,
 )
 from encoder.fitting.landmark_source import ExpectedFace, LandmarkSource
-from encoder.thesis.pose_initialisation import pose_from_three_points
+from encoder.fitting.pose_initialisation import pose_from_three_points
 from shared_model.arrays import Array, Picture
 from shared_model.geometry import pixel_from_head
 from shared_model.mesh import Head
@@ -51,7 +51,10 @@ class FrameMeasurement:
 
 
 class FrameMeasurer(Protocol):
-    """Measures the face of one person.  point_count: number of points of each measurement."""
+    """Measures the face of one person.
+
+    point_count: number of points of each measurement; 0: it does not measure every frame.
+    """
 
     point_count: int
 
@@ -91,14 +94,17 @@ class LandmarkMeasurer:
         self._chosen = np.arange(0, len(self._model.index), LANDMARK_STRIDE)
         generic = generic_identity(head, size)
         self._camera, self._aau = generic.camera, generic.identity.aau
-        self.point_count = len(self._chosen)
+        self.point_count = len(self._chosen) if source.every_frame else 0
 
     def initialise(self, frame: Picture) -> IdentityFit | None:
         """See `FrameMeasurer`."""
         points_px = self._landmarks(frame)
         if points_px is None:
             return None
-        fitted = fit_identity(self._head, self._size, [points_px], active=self._active)
+        ratio = self._source.sigma_ratio
+        fitted = fit_identity(
+            self._head, self._size, [points_px], active=self._active, sigma_ratio=ratio
+        )
         self.set_identity(fitted)
         return fitted
 
@@ -124,7 +130,7 @@ class LandmarkMeasurer:
         left, right = (points_px[corner, :2] for corner in OUTER_EYE_CORNERS)
         ratio = self._source.sigma_ratio
         sigma_px = ratio * FILTER_LANDMARK_SIGMA * np.linalg.norm(left - right)
-        variance_px2 = np.full(self.point_count, sigma_px**2)
+        variance_px2 = np.full(len(self._chosen), sigma_px**2)
         pixels = points_px[model.index[self._chosen], :2]
         return FrameMeasurement(face, points_mm, pixels, variance_px2, ratio)
 

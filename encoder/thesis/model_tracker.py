@@ -10,6 +10,7 @@ import numpy as np
 
 from encoder.capture.colour import luma_u8
 from encoder.fitting.fit_results import IdentityFit, TextureFit
+from encoder.fitting.pose_initialisation import pose_from_points
 from encoder.thesis.coarse_to_fine import fit_coarse_to_fine, initial_faces
 from encoder.thesis.detection_measurement import FrameMeasurement, FrameMeasurer
 from encoder.thesis.identity_refinement import MIN_EYE_DISTANCE_PX, IdentityRefiner
@@ -22,7 +23,6 @@ from encoder.thesis.person_texture import (
     FitOptions,
     PersonTexture,
 )
-from encoder.thesis.pose_initialisation import pose_from_points
 from encoder.thesis.track_loss import (
     MIN_CORRELATION,
     MIN_CORRELATION_RECOVERED,

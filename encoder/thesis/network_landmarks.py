@@ -9,7 +9,7 @@ from shared_model.arrays import Picture
 class NetworkLandmarks:
     """A `LandmarkSource` by the network, which looks where the face is expected."""
 
-    sigma_ratio = 1.0
+    sigma_ratio, every_frame = 1.0, True
 
     def __init__(self, tracker: LandmarkTracker) -> None:
         self._tracker = tracker

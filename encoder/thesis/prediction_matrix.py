@@ -12,9 +12,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.capture.face_crop import Crop
 from encoder.fitting.analysis_by_synthesis import (
     EAU_CHANGE_SIGMA,
+    FitTarget,
     Observation,
     TexelFit,
     TexelFitter,
@@ -56,6 +58,7 @@ class TrainingView:
         unit.
     weights: (k,) of the texels.  rotation: (3, 3) camera from head.  depth_mm: of the head.
     template_weight: sum of the template's weights at the time.
+    side: which target it was trained with, see `PredictionMatrixFitter._target_of`.
     """
 
     jacobian: Single
@@ -63,6 +66,7 @@ class TrainingView:
     rotation: Array
     depth_mm: float
     template_weight: float
+    side: int
 
 
 class PredictionMatrixFitter(TexelFitter):
@@ -77,22 +81,49 @@ class PredictionMatrixFitter(TexelFitter):
 
     def train(self, crop: Crop, face: FaceParameters) -> None:
         """Train on a picture whose face is known, unless its direction of view is trained."""
-        weight = float(self.template.weight.sum())
-        near = [view for view in self._views if _roll_alignment(view, face)[1] < VIEW_SPACING_DEG]
+        side = self._side_at(face)
+        target = self._target_of(side)
+        weight = float(target.template.weight.sum())
+        near = [
+            view
+            for view in self._views
+            if view.side == side and _roll_alignment(view, face)[1] < VIEW_SPACING_DEG
+        ]
         if any(weight <= RETRAIN_RATIO * view.template_weight for view in near):
             return
         trained = TrainingView(
-            self._measure_jacobian(crop, face),
-            self.template.weight * self.visible(face),
+            self._measure_jacobian(target.shape, crop, face),
+            target.template.weight * self._visible(target.shape.atlas, face),
             matrix_from_quaternion(face.pose.rotation),
             float(face.pose.translation_mm[2]),
             weight,
+            side,
         )
         self._views = (*(view for view in self._views if view not in near), trained)
         self._matrices = {key: m for key, m in self._matrices.items() if key[0] not in near}
 
     def set_noise_level(self, residual_sigma_grey: float) -> None:
         """Do nothing: matrices are trained for the default noise level."""
+
+    def observe(self, crop: Crop, initial: FaceParameters) -> Observation:
+        """See `TexelFitter`: with the target that the nearest view was trained with."""
+        side = self._nearest(self._views, initial).side if self._views else 0
+        return self._observe(self._target_of(side), crop, initial)
+
+    def _side_at(self, face: FaceParameters) -> int:
+        """Which target a view of this direction is trained with."""
+        return 0
+
+    def _target_of(self, side: int) -> FitTarget:
+        """0: the whole face, which this class knows alone."""
+        return FitTarget(self.shape, self.template)
+
+    def _side_of(self, observation: Observation) -> int:
+        """Which target an observation was made with."""
+        return 0
+
+    def _nearest(self, views: Sequence[TrainingView], face: FaceParameters) -> TrainingView:
+        return min(views, key=lambda view: _roll_alignment(view, face)[1])
 
     def fit(
         self,
@@ -105,17 +136,20 @@ class PredictionMatrixFitter(TexelFitter):
         if not self._views:
             raise ValueError("no matrix has been trained, expected train before fit")
         free = np.asarray(active, np.intp)
+        whole = len(self.template.modes)
         target = _Target(
+            observation.target,
             observation.crop,
             np.ascontiguousarray(observation.luma_and_gradients[..., 0]),
             observation.weights,
             start.eau,
             observation.eau_precision,
         )
-        view = min(self._views, key=lambda view: _roll_alignment(view, start)[1])
-        count = len(self.template.modes)
-        modes = start.modes if len(start.modes) == count else np.zeros(count)
-        best = self._render(target, replace(start, modes=modes))
+        side = self._side_of(observation)
+        view = self._nearest([view for view in self._views if view.side == side], start)
+        template = observation.target.template
+        modes = start.modes if len(start.modes) == whole else np.zeros(whole)
+        best = self._render(target, with_coefficients(start, modes, len(template.modes)))
         for _ in range(iterations):
             step = self._predicted_step(view, target, best, free)
             before = best
@@ -126,15 +160,16 @@ class PredictionMatrixFitter(TexelFitter):
                     break
             if before.cost - best.cost <= RELATIVE_TOLERANCE * before.cost:
                 break
-        modes = solve_coefficients(self.template, best.luma, target.weights)
-        return TexelFit(replace(best.face, modes=modes), best.luma, target.weights)
+        modes = solve_coefficients(template, best.luma, target.weights)
+        face = with_coefficients(best.face, modes, whole)
+        return TexelFit(face, best.luma, target.weights)
 
-    def _measure_jacobian(self, crop: Crop, face: FaceParameters) -> Single:
+    def _measure_jacobian(self, shape: ShapeFreeFrame, crop: Crop, face: FaceParameters) -> Single:
         """(k, 6 + EAUs) derivatives of the residual, from displacements smoothed by a Gaussian."""
         luma = self._normalise(crop.picture)
 
         def texels(at: FaceParameters) -> Single:
-            return sample_bicubic(luma, crop.to_crop_px(self.shape.positions(at)))[:, 0]
+            return sample_bicubic(luma, crop.to_crop_px(shape.positions(at)))[:, 0]
 
         columns = [
             _smoothed_derivative(texels, face, index, steps)
@@ -158,8 +193,8 @@ class PredictionMatrixFitter(TexelFitter):
 
     def _render(self, target: "_Target", face: FaceParameters) -> "_Rendering":
         """The residual of `face` under the best illumination, `face.modes` being a first one."""
-        template = self.template
-        positions = target.crop.to_crop_px(self.shape.positions(face))
+        template = target.model.template
+        positions = target.crop.to_crop_px(target.model.shape.positions(face))
         luma = sample_bicubic(target.luma, positions)[:, 0]
         residual = luma - template.mean - face.modes.astype(np.float32) @ template.modes
         modes = solve_coefficients(template, luma, target.weights * cauchy_weights(residual))
@@ -192,7 +227,8 @@ class PredictionMatrixFitter(TexelFitter):
         key = view, tuple(free.tolist())
         if key not in self._matrices:
             motion = view.jacobian[:, np.r_[0:RIGID, RIGID + free]]
-            rows = np.concatenate([motion, -self.template.modes.T], axis=1)
+            modes = self._target_of(view.side).template.modes
+            rows = np.concatenate([motion, -modes.T], axis=1)
             weighted = rows * view.weights[:, None]
             normal = (rows.T @ weighted).astype(np.float64)
             size = RIGID + len(free)
@@ -208,8 +244,10 @@ class PredictionMatrixFitter(TexelFitter):
 
 @dataclass(frozen=True, slots=True)
 class _Target:
-    """A picture to fit: luma of the crop (h, w), weights (k,) of the texels, prior of actuators."""
+    """A picture to fit: the model, luma of the crop (h, w), weights (k,) of the texels, prior of
+    actuators."""
 
+    model: FitTarget
     crop: Crop
     luma: Single
     weights: Single
@@ -225,6 +263,13 @@ class _Rendering:
     residual: Single
     luma: Single
     cost: float
+
+
+def with_coefficients(face: FaceParameters, modes: Array, count: int) -> FaceParameters:
+    """The face with `count` coefficients: those given, cut or filled up with zeros."""
+    padded, common = np.zeros(count), min(count, len(modes))
+    padded[:common] = modes[:common]
+    return replace(face, modes=padded)
 
 
 def _smoothed_derivative(

@@ -10,6 +10,7 @@ from encoder.appearance.template import Template
 from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
 from encoder.fitting.analysis_by_synthesis import FitTarget, Observation, TexelFit, TexelFitter
+from encoder.thesis.prediction_matrix import PredictionMatrixFitter, with_coefficients
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
 from shared_model.arrays import Indices, Mask, Picture, Single
@@ -19,6 +20,31 @@ from shared_model.parameters import FaceParameters
 
 # Yaw beyond which the far half is too foreshortened to be compared.
 MIRROR_DEG = 20.0
+
+
+class HalfFaces:
+    """The faces made of one half of a person's face.
+
+    face, shape: of the person, see `TexelFitter`.  whole: all texels of the atlas.
+    """
+
+    def __init__(self, face: Face, shape: ShapeFreeFrame, whole: Atlas) -> None:
+        self._halves = {left: _half_face(face, shape, whole, left) for left in (False, True)}
+
+    def side_at(self, face: FaceParameters) -> int:
+        """1: the left half is near and the other far; -1: the right one; 0: neither is far."""
+        if abs(euler_deg(face.pose)[1]) <= MIRROR_DEG:
+            return 0
+        return 1 if matrix_from_quaternion(face.pose.rotation)[2, 0] < 0 else -1
+
+    def side_of(self, shape: ShapeFreeFrame) -> int:
+        """The side whose target has this shape; 0: neither."""
+        return next((1 if left else -1 for left, h in self._halves.items() if h.shape is shape), 0)
+
+    def target(self, side: int, whole: Template) -> FitTarget:
+        """The face made of the near half of a `side` other than 0, under the whole's template."""
+        half = self._halves[side > 0]
+        return FitTarget(half.shape, half.template_of(whole))
 
 
 class SymmetricTexelFitter(TexelFitter):
@@ -36,15 +62,14 @@ class SymmetricTexelFitter(TexelFitter):
         normalise: Callable[[Picture], Single] = luma_f32,
     ) -> None:
         super().__init__(head, face, shape, template, normalise)
-        self._halves = {left: self._half_face(shape.atlas, left) for left in (False, True)}
+        self._halves = HalfFaces(face, self.shape, shape.atlas)
 
     def observe(self, crop: Crop, initial: FaceParameters) -> Observation:
         """See `TexelFitter`."""
-        if abs(euler_deg(initial.pose)[1]) <= MIRROR_DEG:
+        side = self._halves.side_at(initial)
+        if not side:
             return super().observe(crop, initial)
-        left_is_near = matrix_from_quaternion(initial.pose.rotation)[2, 0] < 0
-        half = self._halves[bool(left_is_near)]
-        return self._observe(FitTarget(half.shape, half.template_of(self.template)), crop, initial)
+        return self._observe(self._halves.target(side, self.template), crop, initial)
 
     def fit(
         self,
@@ -54,22 +79,41 @@ class SymmetricTexelFitter(TexelFitter):
         active: Sequence[int],
     ) -> TexelFit:
         """See `TexelFitter`."""
-        padded = _padded(start, len(observation.target.template.modes))
+        count = len(observation.target.template.modes)
+        padded = with_coefficients(start, start.modes, count)
         result = super().fit(observation, padded, iterations, active)
-        return replace(result, face=_padded(result.face, len(self.template.modes)))
+        whole = len(self.template.modes)
+        face = with_coefficients(result.face, result.face.modes, whole)
+        return replace(result, face=face)
 
-    def _half_face(self, whole: Atlas, left: bool) -> "_HalfFace":
-        """The face made of one half, left being where x is positive.  whole: all texels."""
-        atlas = self.shape.atlas
-        x = atlas.points(self._face.neutral)[:, 0]
-        far = (x < 0) if left else (x > 0)
-        corners, weights, valid = atlas.corners.copy(), atlas.weights.copy(), ~far
-        mirrored = mirror_index(whole)[atlas.rows[far], atlas.columns[far]]
-        corners[far], weights[far] = whole.corners[mirrored], whole.weights[mirrored]
-        valid[far] = mirrored >= 0
-        half = Atlas(atlas.size, atlas.rows, atlas.columns, corners, weights)
-        light = np.stack([far, far * x / np.abs(x).max()]).astype(np.float32)
-        return _HalfFace(ShapeFreeFrame(self._face, half, self.shape.camera), valid, light)
+
+class MirroredMatrixFitter(PredictionMatrixFitter):
+    """A `PredictionMatrixFitter` whose views of turned faces have the near half on both sides.
+
+    A matrix of such a view is trained as it is used: the far half displaced as the near one.
+    """
+
+    def __init__(
+        self,
+        head: Head,
+        face: Face,
+        shape: ShapeFreeFrame,
+        template: Template,
+        normalise: Callable[[Picture], Single] = luma_f32,
+    ) -> None:
+        super().__init__(head, face, shape, template, normalise)
+        self._halves = HalfFaces(face, self.shape, shape.atlas)
+
+    def _side_at(self, face: FaceParameters) -> int:
+        return self._halves.side_at(face)
+
+    def _side_of(self, observation: Observation) -> int:
+        return self._halves.side_of(observation.target.shape)
+
+    def _target_of(self, side: int) -> FitTarget:
+        if not side:
+            return super()._target_of(side)
+        return self._halves.target(side, self.template)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,12 +134,18 @@ class _HalfFace:
         return replace(whole, modes=modes, weight=whole.weight * self.valid)
 
 
-def _padded(face: FaceParameters, count: int) -> FaceParameters:
-    """The face with `count` coefficients, cut or filled up with zeros."""
-    modes = np.zeros(count)
-    common = min(count, len(face.modes))
-    modes[:common] = face.modes[:common]
-    return replace(face, modes=modes)
+def _half_face(face: Face, shape: ShapeFreeFrame, whole: Atlas, left: bool) -> _HalfFace:
+    """The face made of one half, left being where x is positive."""
+    atlas = shape.atlas
+    x = atlas.points(face.neutral)[:, 0]
+    far = (x < 0) if left else (x > 0)
+    corners, weights, valid = atlas.corners.copy(), atlas.weights.copy(), ~far
+    mirrored = mirror_index(whole)[atlas.rows[far], atlas.columns[far]]
+    corners[far], weights[far] = whole.corners[mirrored], whole.weights[mirrored]
+    valid[far] = mirrored >= 0
+    half = Atlas(atlas.size, atlas.rows, atlas.columns, corners, weights)
+    light = np.stack([far, far * x / np.abs(x).max()]).astype(np.float32)
+    return _HalfFace(ShapeFreeFrame(face, half, shape.camera), valid, light)
 
 
 def mirror_index(atlas: Atlas) -> Indices:

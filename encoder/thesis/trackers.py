@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 from encoder.appearance.photometric import NORMALISATIONS
@@ -15,6 +16,7 @@ from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity, generic_identity
 from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, landmark_model, personalise
 from encoder.fitting.landmark_source import LandmarkSource
+from encoder.fitting.pose_initialisation import pose_from_three_points
 from encoder.thesis.detection_measurement import (
     FrameMeasurer,
     HaarMeasurer,
@@ -23,9 +25,8 @@ from encoder.thesis.detection_measurement import (
 from encoder.thesis.model_tracker import TRACKER_PARTS, ModelTracker
 from encoder.thesis.network_landmarks import NetworkLandmarks
 from encoder.thesis.person_texture import FitOptions
-from encoder.thesis.pose_initialisation import pose_from_three_points
 from encoder.thesis.prediction_matrix import PredictionMatrixFitter
-from encoder.thesis.symmetry import SymmetricTexelFitter
+from encoder.thesis.symmetry import MirroredMatrixFitter, SymmetricTexelFitter
 from protocol.frames.scalar_quantiser import sent_eaus
 from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
@@ -36,11 +37,12 @@ from shared_model.parameters import EAU_INDEX, FaceParameters
 DETECTORS = ("network", "haar")
 TRACKERS = ("single", "full")
 # How the analysis by synthesis computes its steps: by the gradient of each picture, the same with
-# symmetry for turned faces, or by the prediction matrices of the thesis.
+# symmetry for turned faces, by the prediction matrices of the thesis, or by these with symmetry.
 FITTERS: Mapping[str, type[TexelFitter]] = {
     "gauss-newton": TexelFitter,
     "mirrored": SymmetricTexelFitter,
     "matrix": PredictionMatrixFitter,
+    "mirrored-matrix": MirroredMatrixFitter,
 }
 # The actuators of the thesis profile, and the lids even if they are not sent: brows would otherwise
 # be fitted to blinks.
@@ -92,6 +94,7 @@ class TrackingOptions:
     eyelids: find and send the eyelids, by the iris network.
     refine_identity: refine the identity during the call; the full tracker only.
     landmarks: finds landmarks instead of the network; None: the detector says how.
+    nose: see `HaarDetector`.
     """
 
     detector: str = "network"
@@ -102,6 +105,7 @@ class TrackingOptions:
     eyelids: bool = False
     refine_identity: bool = True
     landmarks: LandmarkSource | None = None
+    nose: Path | None = None
 
 
 def open_tracker(
@@ -128,7 +132,7 @@ def open_tracker(
     if options.tracker == "full":
         measurer: FrameMeasurer
         if landmarks is None:
-            measurer = HaarMeasurer(head, size, HaarDetector(), warn)
+            measurer = HaarMeasurer(head, size, HaarDetector(options.nose), warn)
         else:
             measurer = LandmarkMeasurer(head, size, active, landmarks, warn)
         fit = FitOptions(NORMALISATIONS[options.normalise], FITTERS[options.step])
@@ -136,7 +140,7 @@ def open_tracker(
             head, active, elapsed_s, measurer, options.without, fit, options.refine_identity
         )
     if landmarks is None:
-        return HaarPoseTracker(head, size, HaarDetector(), warn)
+        return HaarPoseTracker(head, size, HaarDetector(options.nose), warn)
     return LandmarkFitTracker(head, size, active, landmarks, warn)
 
 
@@ -209,7 +213,8 @@ class LandmarkFitTracker(FixedIdentityTracker):
         return self._last
 
     def _initialise(self, points_px: Array) -> FaceParameters:
-        fitted = fit_identity(self._head, self._size, [points_px])
+        ratio = self._source.sigma_ratio
+        fitted = fit_identity(self._head, self._size, [points_px], sigma_ratio=ratio)
         generic = landmark_model(self._head)
         self._model = personalise(generic, fitted.identity.aau, fitted.control_mm)
         self._fitted, self._last = fitted, fitted.frames[0]

@@ -61,6 +61,12 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
 
 def _add_thesis_coding(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
+        "--preset",
+        choices=CHOICES["preset"],
+        help="thesis-literal: the thesis profile with what the thesis has and no network: --aam"
+        " builtin --abs mirrored-matrix --normalise retinex",
+    )
+    parser.add_argument(
         "--lids",
         action="store_true",
         help="thesis profile: also send how far each lid is closed, two values of 8 bits: 960"
@@ -80,6 +86,18 @@ def _add_thesis_coding(parser: argparse.ArgumentParser) -> None:
         help="thesis profile: landmark network (default), or the thesis' Viola-Jones",
     )
     add_statistical_model(parser, "thesis profile: ")
+    parser.add_argument(
+        "--aam-every-frame",
+        action="store_true",
+        help="thesis profile: search the model in every frame and give the filter its landmarks and"
+        " actuators, not in the first face and lost ones alone",
+    )
+    parser.add_argument(
+        "--nose-cascade",
+        metavar="XML",
+        help="thesis profile: Viola-Jones finds the nose as well, by this cascade classifier (none"
+        " comes along), instead of placing it by the proportions of a face",
+    )
 
 
 def add_statistical_model(parser: argparse.ArgumentParser, where: str) -> None:
@@ -88,7 +106,8 @@ def add_statistical_model(parser: argparse.ArgumentParser, where: str) -> None:
         "--aam",
         metavar="MODEL",
         help=f"{where}no landmark network: the face is found by Viola-Jones and by a model of"
-        " many faces (.npz) that `risorius train` has made",
+        " many faces: the file (.npz) that `risorius train` has made, or builtin: the one that"
+        " comes along",
     )
 
 
@@ -121,8 +140,8 @@ def add_tracking(parser: argparse.ArgumentParser) -> None:
         choices=CHOICES["abs"],
         default="gauss-newton",
         help="thesis profile: how that fit steps: by each picture's gradient, the same with the"
-        " visible half of a turned face mirrored, or by the thesis' prediction matrix"
-        " (default: %(default)s)",
+        " visible half of a turned face mirrored, by the thesis' prediction matrix, or by that with"
+        " the half mirrored (default: %(default)s)",
     )
 
 

@@ -45,7 +45,8 @@ def add_annotate(added: "Commands") -> None:
         metavar="WHERE",
         help="network: found by the landmark network (default); .asf or .pts: a file beside each"
         " picture; FILE.csv: a line NAME,x0,y0,x1,y1,... for each; 68, 73 or 468 points;"
-        " MODEL.npz: found by a trained model from Viola-Jones' eyes, without a network",
+        " MODEL.npz: found by a trained model from Viola-Jones' eyes, without a network; builtin:"
+        " by the one that comes along",
     )
     parser.add_argument(
         "--perspective",

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from encoder.live_model import LEARNING_PROCESS
+from encoder.option_rules import with_preset
 from risorius.command_line.call_link import (
     NO_LINK,
     CallLink,
@@ -81,6 +82,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     check_outputs([arguments.source], [arguments.output, arguments.report])
     check_call_file(arguments.output)
     profile = profile_of(arguments)
+    vars(arguments).update(with_preset(vars(arguments)))
     if arguments.output is not None:
         reject(arguments, ENCODE_LINK_OPTIONS, "-o")
     check_ports(arguments)
@@ -142,6 +144,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
     from risorius.statistical_model import landmark_source
 
     over_link = arguments.output is None
+    nose = None if arguments.nose_cascade is None else Path(arguments.nose_cascade)
     return EncodeOptions(
         source=arguments.source,
         output=output_of(arguments.output),
@@ -163,7 +166,8 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
             arguments.abs,
             arguments.lids,
             arguments.refine,
-            landmark_source(arguments.aam),
+            landmark_source(arguments.aam, nose, arguments.aam_every_frame),
+            nose,
         ),
         pace=over_link if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,

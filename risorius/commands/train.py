@@ -82,6 +82,11 @@ def _add_model_options(parser: argparse.ArgumentParser) -> None:
         help="of the light: retinex and histogram equalisation, or none (default: retinex)",
     )
     parser.add_argument(
+        "--compact",
+        action="store_true",
+        help="write textures and matrices in half precision, compressed: about a fifth of the size",
+    )
+    parser.add_argument(
         "--no-mirror", action="store_true", help="do not train on mirror images as well"
     )
 
@@ -113,7 +118,7 @@ def run_train(arguments: argparse.Namespace) -> int:
             model = train(faces, options, lambda done: progress(round(STEPS * done), STEPS))
         except ValueError as error:
             raise UserError(str(error)) from error
-        write_model(arguments.output, model)
+        write_model(arguments.output, model, arguments.compact)
         page = arguments.report and write_report(arguments.report, model, faces, options)
     finest = model.levels[-1]
     counts = (len(each.variances) for each in (finest.shape, finest.texture, finest.combined))

@@ -339,3 +339,15 @@ def test_the_command_says_what_it_cannot_train_on(
     assert "expected 4 of two people" in capsys.readouterr().err
     assert main(["train", str(tmp_path), "-o", str(tmp_path / "m.npz"), "-q"]) == 2
     assert "no annotations" in capsys.readouterr().err
+
+
+def test_a_compact_file_finds_the_same_faces(model: MultiResolutionModel, tmp_path: Path) -> None:
+    whole, compact = tmp_path / "whole.npz", tmp_path / "compact.npz"
+    write_model(whole, model)
+    write_model(compact, model, compact=True)
+    assert compact.stat().st_size < 0.5 * whole.stat().st_size
+    again, face, warp = read_model(compact), STRANGERS[0], model.warp(1)
+    corners = warp.landmarks(face.shape, face.pose)[list(warp.eye_corners)]
+    eyes = corners.reshape(2, 2, 2).mean(1)
+    one, other = (find_from_eyes(each, face.window.picture, eyes) for each in (model, again))
+    np.testing.assert_allclose(one.landmarks, other.landmarks, atol=0.5)

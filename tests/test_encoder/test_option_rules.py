@@ -9,6 +9,7 @@ from conftest import without_layers
 from processes import error_line
 
 from encoder.appearance.photometric import NORMALISATIONS
+from encoder.option_rules import with_preset
 from encoder.thesis.trackers import DETECTORS, FITTERS, TRACKERS
 from protocol.summary import summarise
 from risorius.cli import build_parser, main
@@ -121,6 +122,7 @@ def test_the_choices_of_an_option_are_those_that_the_encoder_has(
         ("--without abs,klt --normalise retinex", "--normalise retinex"),
         ("--detector haar --lids", "--lids"),
         ("--aam m.npz --detector haar", "--detector haar"),
+        ("--detector network --nose-cascade n.xml", "--nose-cascade n.xml"),
     ],
 )
 def test_options_without_effect_in_a_combination_are_refused(
@@ -132,8 +134,38 @@ def test_options_without_effect_in_a_combination_are_refused(
 
 
 @pytest.mark.parametrize(
-    "options", ["--tracker single --detector haar", "--without klt,ekf", "--aam m.npz --no-refine"]
+    "options",
+    [
+        "--tracker single --detector haar",
+        "--without klt,ekf",
+        "--aam m.npz --no-refine",
+        "--aam m.npz --nose-cascade n.xml",
+    ],
 )
 def test_options_that_go_together_are_taken(options: str) -> None:
     arguments = build_parser().parse_args(["encode", "a.mp4", "-o", "a.rzo", *options.split()])
     assert profile_of(arguments) == "thesis"
+
+
+def test_a_preset_stands_for_options_that_may_still_be_given_otherwise() -> None:
+    line = ["encode", "a.mp4", "-o", "a.rzo", "--preset", "thesis-literal"]
+    arguments = build_parser().parse_args(line)
+    assert profile_of(arguments) == "thesis"
+    expanded = with_preset(vars(arguments))
+    named = [expanded[name] for name in ("profile", "aam", "abs", "normalise", "tracker")]
+    assert named == ["thesis", "builtin", "mirrored-matrix", "retinex", "full"]
+    arguments = build_parser().parse_args([*line, "--abs", "mirrored", "--aam", "m.npz"])
+    expanded = with_preset(vars(arguments))
+    assert [expanded["abs"], expanded["aam"]] == ["mirrored", "m.npz"]
+
+
+def test_a_search_in_every_frame_needs_a_model(capsys: Capture) -> None:
+    line = ["encode", "a.mp4", "-o", "a.rzo", "--aam-every-frame"]
+    assert main(line) == 2
+    assert "add --aam MODEL" in error_line(capsys)
+
+
+def test_a_preset_of_the_thesis_is_refused_with_the_default_profile(capsys: Capture) -> None:
+    line = ["encode", "a.mp4", "-o", "a.rzo", "--preset", "thesis-literal"]
+    assert main([*line, "--profile", "default"]) == 2
+    assert "--profile thesis" in error_line(capsys)

@@ -15,6 +15,7 @@ from encoder.detection.ssd import weighted_nms
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
 from shared_model.arrays import Picture
+from shared_model.errors import UserError
 
 CLIPS = Path(__file__).resolve().parents[4] / "shared" / "clips"
 
@@ -23,6 +24,11 @@ def first_frame(name: str) -> Picture:
     if not CLIPS.is_dir():
         pytest.skip(f"{CLIPS} is not there")
     with open_source(str(CLIPS / name)) as capture:
+        return next(iter(capture))[1]
+
+
+def first_picture(video: Path) -> Picture:
+    with open_source(str(video)) as capture:
         return next(iter(capture))[1]
 
 
@@ -147,3 +153,25 @@ def test_a_face_that_is_larger_than_the_picture_is_found(
     assert found is not None
     nose_px = found.points[1, :2] + [int(left), int(top)] - whole.points[1, :2]
     assert np.abs(nose_px).max() < 0.06 * (high - low)[0]
+
+
+def test_what_is_no_cascade_for_noses_is_a_user_error(tmp_path: Path) -> None:
+    for content in (b"", b"<?xml version='1.0'?><none/>"):
+        file = tmp_path / "nose.xml"
+        file.write_bytes(content)
+        with pytest.raises(UserError, match="no cascade classifier"):
+            HaarDetector(file)
+    with pytest.raises(UserError, match="no cascade classifier"):
+        HaarDetector(tmp_path / "missing.xml")
+
+
+def test_a_nose_that_is_detected_replaces_the_placed_one(carphone: Path) -> None:
+    """OpenCV comes without a cascade for noses: one for eyes finds something else there."""
+    picture = first_picture(carphone)
+    eyes = Path(cv2.__file__).parent / "data" / "haarcascade_eye.xml"
+    placed, searched = HaarDetector(), HaarDetector(eyes)
+    assert searched.detects_nose and not placed.detects_nose
+    first, second = placed.detect(picture)[0].keypoints, searched.detect(picture)[0].keypoints
+    distance = np.linalg.norm(first[1] - first[0])
+    assert 0.05 * distance < np.linalg.norm(second[2] - first[2]) < 1.1 * distance
+    np.testing.assert_array_equal(np.delete(first, 2, 0), np.delete(second, 2, 0))

@@ -4,8 +4,18 @@ import numpy as np
 import pytest
 from studio import CAMERA, FACE, HEAD, JAW, PLACE, REST, Studio, angle_error_deg, fitted
 
-from encoder.thesis.person_texture import DEFAULT_OPTIONS, FitOptions, PersonTexture
-from encoder.thesis.symmetry import MIRROR_DEG, SymmetricTexelFitter, mirror_index
+from encoder.thesis.person_texture import (
+    DEFAULT_OPTIONS,
+    UPDATE_INTERVAL,
+    FitOptions,
+    PersonTexture,
+)
+from encoder.thesis.symmetry import (
+    MIRROR_DEG,
+    MirroredMatrixFitter,
+    SymmetricTexelFitter,
+    mirror_index,
+)
 from shared_model.appearance import atlas_of
 from shared_model.geometry import pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS
@@ -93,3 +103,23 @@ def test_the_mirrored_half_fits_a_symmetric_face(studio: Studio, yaw: float) -> 
     assert found.correlation > 0.78
     ahead = fitted(texture, drawn(0), even(0), [JAW], 0)
     assert len(found.face.modes) == len(ahead.face.modes)
+
+
+@pytest.mark.parametrize("yaw", [-32.0, 32.0])
+def test_matrices_of_a_turned_face_do_without_its_far_half(studio: Studio, yaw: float) -> None:
+    start = turned(yaw, 1.0)
+    texture = texture_of(studio, FitOptions(fitter=MirroredMatrixFitter))
+    # Its direction is trained where the face is known, as in a call.
+    for angle in (0.4 * yaw, 0.8 * yaw, yaw):
+        face = turned(angle)
+        seen = studio.draw(face)
+        for _ in range(UPDATE_INTERVAL):
+            texture.update_template(seen, fitted(texture, seen, face, [JAW], 2))
+    picture = studio.draw(turned(yaw))
+
+    def found(shown: np.ndarray) -> FaceParameters:
+        return fitted(texture, shown, start, [JAW], 2).face
+
+    clear = found(picture)
+    assert angle_error_deg(found(half_hidden(picture, start, near=False)), clear) < 0.2
+    assert angle_error_deg(found(half_hidden(picture, start, near=True)), clear) > 0.5

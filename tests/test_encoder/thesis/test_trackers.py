@@ -85,7 +85,7 @@ def test_a_grey_picture_has_no_face_for_viola_jones() -> None:
 class WideFace:
     """A `LandmarkSource` that shows a head whose landmarks are a tenth further apart in x."""
 
-    face_count, sigma_ratio = 1, 2.0
+    face_count, sigma_ratio, every_frame = 1, 2.0, True
 
     def __init__(self) -> None:
         self.expected: list[ExpectedFace | None] = []

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from encoder.detection.detector import Detection
-from encoder.thesis.pose_initialisation import (
+from encoder.fitting.pose_initialisation import (
     anchor_points,
     pose_from_points,
     pose_from_three_points,

