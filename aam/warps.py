@@ -4,6 +4,7 @@ The 3D head is one such shape.  The 2D AAM of the validation is another, so that
 and searched by the same code.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
 
@@ -16,6 +17,7 @@ from encoder.detection.landmark_indices import EYE_CORNER_PAIRS
 from encoder.fitting.landmark_fit import landmark_model
 from shared_model.arrays import Array, Indices, Single, VertexIndices
 from shared_model.mesh import generic_head
+from shared_model.shape_residual import residual_basis
 
 # Displacements of Table 2.4: shares of the face's width and height, degrees, scales.
 TRANSLATION_SHARES = (-0.1, -0.05, 0.05, 0.1)
@@ -69,15 +71,25 @@ class Warp(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ResidualModes:
+    """Residual shape: mean (k, 3) and modes (r, k, 3) of its control points, mm, head frame."""
+
+    mean: Array
+    modes: Array
+
+
 class HeadWarp:
-    """The 3D head under weak perspective; its shapes are AE shape vectors (25,).
+    """The 3D head under weak perspective; its shapes are AE shape vectors (25,), with residual
+    modes (25 + r,): their coefficients follow.
 
     size, frame: see `texture_frame`.  landmark_index: (m,) of the network's 468 landmarks.
+    residual: what is added to the head; None: nothing.
     """
 
     pose_names = POSE_NAMES
 
-    def __init__(self, size: int, frame: str) -> None:
+    def __init__(self, size: int, frame: str, residual: ResidualModes | None = None) -> None:
         head, atlas = generic_head(), texture_frame(size, frame)
         self.size, self.rows, self.columns = size, atlas.rows, atlas.columns
         weights = atlas.weights.astype(np.float32)
@@ -97,6 +109,15 @@ class HeadWarp:
         neutral = self._neutral.reshape(3, -1)
         self.width, self.height = (float(np.ptp(neutral[axis])) for axis in (0, 1))
         self.eye_corners = _eye_corners(model.index)
+        if residual is not None:
+            controls = np.concatenate([residual.mean[None], residual.modes])
+            fields = np.einsum("kn,rkd->rnd", residual_basis(head), controls)
+            mean, *modes = at_texels(fields)
+            self._neutral = self._neutral + mean
+            self._fields = np.concatenate([self._fields, np.array(modes)])
+            mean, *modes = np.einsum("km,rkd->rmd", model.residual, controls)
+            self._landmarks = self._landmarks + mean
+            self._landmark_fields = np.concatenate([landmark_fields, np.array(modes)])
 
     def positions(self, shape: Array, pose: Array) -> Single:
         """See `Warp`."""
@@ -173,11 +194,12 @@ def pose_displacements(warp: Warp) -> list[tuple[int, list[float]]]:
 
 
 def _activation(shape: Array) -> Array:
-    """(11 + 2 x 14,) of the fields: AAUs, EAUs above rest, EAUs below rest."""
-    if len(shape) != len(SHAPE_RANGE):
-        raise ValueError(f"shape has {len(shape)} values, expected {len(SHAPE_RANGE)}")
-    aau, eau = actuators(shape)
-    return np.concatenate([aau, np.maximum(eau, 0), np.maximum(-eau, 0)])
+    """(11 + 2 x 14 + r,) of the fields: AAUs, EAUs above rest, EAUs below rest, residual modes."""
+    if len(shape) < len(SHAPE_RANGE):
+        raise ValueError(f"shape has {len(shape)} values, expected {len(SHAPE_RANGE)} or more")
+    aau, eau = actuators(shape[: len(SHAPE_RANGE)])
+    rest = shape[len(SHAPE_RANGE) :]
+    return np.concatenate([aau, np.maximum(eau, 0), np.maximum(-eau, 0), rest])
 
 
 def _eye_corners(index: Indices) -> tuple[int, int, int, int]:

@@ -1,16 +1,21 @@
 """The experiments of thesis 2.4.4 and 3 on annotated faces: tables and plots.
 
-    risorius annotate imm -o out/imm --person '([0-9]+)_'
-    risorius annotate ytf -o out/ytf
-    risorius annotate orl -o out/orl --person '(s[0-9]+)/'
-    python -m benchmarks validate_aam --train out/imm out/ytf --test out/orl -o out
+    python -m benchmarks validate_aam --faces FACES -o out
+
+annotates the folders imm, ytf and orl of FACES and runs all parts; or, of other annotations,
+
+    python -m benchmarks validate_aam --train made/imm made/ytf --test made/orl -o out
 
 Nobody in the test folders may be in the training folders.  --truth: folders of the same names with
 annotations by given landmarks (`annotate --landmarks`), against which first frames are measured, by
 models of the other half of the people; without it they are not.
+
+A run that was stopped goes on where it was: a part whose table is there, made with the same
+arguments, is passed over.
 """
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +25,7 @@ import numpy as np
 from aam.validation.experiments import PARTS, run_experiments
 from aam.validation.first_frames import read_true_pictures
 from aam.validation.samples import read_samples
+from benchmarks.annotated_sets import AnnotatedSets, annotated_sets
 
 # Pictures of the test set at most, as many as in 3.1.
 TEST_PICTURES = 124
@@ -28,8 +34,9 @@ TEST_PICTURES = 124
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run all experiments, or some; write and print each table as it is done."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--train", nargs="+", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--test", nargs="+", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--faces", type=Path, metavar="DIR", help="of imm, ytf and orl")
+    parser.add_argument("--train", nargs="+", type=Path, default=[], metavar="DIR")
+    parser.add_argument("--test", nargs="+", type=Path, default=[], metavar="DIR")
     parser.add_argument("--truth", nargs="*", type=Path, default=[], metavar="DIR")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     parser.add_argument("--size", type=int, default=64, choices=(64, 128))
@@ -37,21 +44,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--parts", nargs="+", default=PARTS, choices=PARTS, metavar="PART", help=", ".join(PARTS)
     )
     parsed = parser.parse_args(arguments)
-    train, test = read_samples(parsed.train), read_samples(parsed.test)
-    chosen = np.linspace(0, len(test) - 1, min(len(test), TEST_PICTURES)).astype(int)
-    parsed.output.mkdir(parents=True, exist_ok=True)
+    if (parsed.faces is None) != bool(parsed.train and parsed.test):
+        parser.error("give --faces, or --train and --test")
 
     def tell(what: str) -> None:
         print(what, file=sys.stderr, flush=True)
 
+    sets = AnnotatedSets(parsed.train, parsed.test, parsed.truth)
+    if parsed.faces is not None:
+        sets = annotated_sets(parsed.faces, parsed.output, tell)
+    parsed.output.mkdir(parents=True, exist_ok=True)
+    parts = unfinished_parts(parsed.output, parsed.parts, [str(sets), str(parsed.size)])
+    train, test = read_samples(sets.train), read_samples(sets.test)
+    chosen = np.linspace(0, len(test) - 1, min(len(test), TEST_PICTURES)).astype(int)
     samples = [test[i] for i in chosen]
-    truth = read_true_pictures(parsed.truth)
-    parts = [part for part in parsed.parts if part != "first-frames" or truth]
+    truth = read_true_pictures(sets.truth)
+    parts = [part for part in parts if part != "first-frames" or truth]
     for name, text in run_experiments(train, samples, truth, parsed.size, parts, tell):
-        (parsed.output / name).write_text(text, encoding="utf-8")
+        write_whole(parsed.output / name, text)
         if name.endswith(".md"):
             print(text, flush=True)
     return 0
+
+
+def unfinished_parts(output: Path, parts: Sequence[str], arguments: Sequence[str]) -> list[str]:
+    """The parts whose table is not in a folder; all, and no table stays, if those there were made
+    with other arguments.
+    """
+    made_with, text = output / "arguments.json", json.dumps(arguments, indent=1)
+    if not made_with.exists() or made_with.read_text(encoding="utf-8") != text:
+        for part in PARTS:
+            (output / f"{part}.md").unlink(missing_ok=True)
+        write_whole(made_with, text)
+    return [part for part in parts if not (output / f"{part}.md").exists()]
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file that is there only when it is whole."""
+    partial = path.with_name(f"{path.name}.part")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(path)
 
 
 if __name__ == "__main__":

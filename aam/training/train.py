@@ -39,6 +39,7 @@ class TrainingOptions:
 
     size: texels a side of the finest level, see `SIZES`.  frame: see `texture_frame`.
     retained: share of the variance that the modes of shape, texture and both keep (eq. 2.21).
+    shape_retained: the same of the shape alone, if it is another.
     discard: number of first combined modes that are left out (2.4.4).
     shape_weight: factor on W_s; 1: the ratio of the variances (2.4.2).
     normalisation: see `normalised_luma`.  mirror: train on mirror images as well.
@@ -50,6 +51,7 @@ class TrainingOptions:
     size: int = 128
     frame: str = "full"
     retained: float = 0.92
+    shape_retained: float | None = None
     discard: int = 0
     shape_weight: float = 1.0
     normalisation: str = "retinex"
@@ -131,7 +133,8 @@ def combined_model(
         parallel_map(lambda face: texture_at(warp, face.luma, face.shape, face.pose), faces, None)
     )
     metric = visible_metric(warp, shapes.mean(0))
-    shape = components_under_metric(shapes, options.retained, metric)
+    retained = options.retained if options.shape_retained is None else options.shape_retained
+    shape = components_under_metric(shapes, retained, metric)
     texture = principal_components(textures.astype(np.float64), options.retained)
     texture = replace(texture, modes=texture.modes.astype(np.float32))
     weight = options.shape_weight * float(np.sqrt(texture.total / max(shape.total, 1e-12)))

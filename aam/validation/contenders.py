@@ -17,6 +17,7 @@ from aam.validation.planar_warp import (
     mirrored_planar,
     planar_face,
 )
+from aam.validation.residual_shape import ResidualFaces, residual_faces
 from aam.validation.samples import ANATOMICAL, Sample
 from aam.warps import HeadWarp, Warp, head_warp, pose_from_eyes
 from shared_model.arrays import Array
@@ -27,12 +28,14 @@ class Contender:
     """A trained AAM.
 
     planar: (68, 2) the mean shape of the 2D AAM; None: the AAM of the 3D head.
+    residual: residual modes of the head; None: AE shapes alone.
     """
 
     levels: tuple[AppearanceModel, ...]
     warps: tuple[Warp, ...]
     options: TrainingOptions
     planar: Array | None
+    residual: ResidualFaces | None = None
 
     def points(self, landmarks: Array, indices: Sequence[int]) -> Array:
         """(n, 2) landmarks of the network among the own ones (m, 2)."""
@@ -47,7 +50,10 @@ class Contender:
 
     def prepared(self, samples: Sequence[Sample], level: int) -> list[TrainingFace]:
         """Samples with the shape and pose of this AAM at a level's resolution."""
-        if self.planar is None:
+        if self.residual is not None:
+            plain = head_warp(self.warps[level].size, self.options.frame)
+            faces = [self.residual.face(sample, plain) for sample in samples]
+        elif self.planar is None:
             faces = [sample.face for sample in samples]
         else:
             chosen = list(PLANAR_LANDMARKS)
@@ -68,6 +74,22 @@ def train_head(
     warps = tuple(head_warp(size, options.frame) for size in SIZES[options.size])
     random = np.random.default_rng(options.seed)
     return Contender(train_levels(faces, warps, options, random, progress), warps, options, None)
+
+
+def train_residual_head(
+    samples: Sequence[Sample], options: TrainingOptions, progress: Progress = lambda share: None
+) -> Contender:
+    """The AAM of the 3D head with modes of what AE shapes leave of the samples' landmarks."""
+    sizes = SIZES[options.size]
+    plain = head_warp(sizes[-1], options.frame)
+    residual = residual_faces(samples, plain)
+    faces = [residual.face(sample, plain) for sample in samples]
+    if options.mirror:
+        faces += [residual.mirrored(sample, plain) for sample in samples]
+    warps = tuple(HeadWarp(size, options.frame, residual.modes) for size in sizes)
+    random = np.random.default_rng(options.seed)
+    levels = train_levels(faces, warps, options, random, progress)
+    return Contender(levels, warps, options, None, residual)
 
 
 def train_planar(

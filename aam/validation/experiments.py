@@ -11,14 +11,19 @@ from aam.training.train import train as train_model
 from aam.validation import tables
 from aam.validation.contenders import Contender, train_head, train_planar
 from aam.validation.first_frames import FirstFrames, TruePicture, first_frames
-from aam.validation.model_experiments import mode_counts, specificity
+from aam.validation.model_experiments import (
+    EQUAL_ERROR_PX2,
+    is_near_frontal,
+    mode_counts,
+    modes_of_equal_error,
+    specificity,
+)
 from aam.validation.plots import prediction_plot
 from aam.validation.prediction_experiments import Matrix, parameter_curves, pose_curves
 from aam.validation.samples import Sample, split_people
 from aam.validation.search_experiments import Generalisation, best_possible, generalisation
 from aam.validation.search_time import search_time
-from aam.validation.units.action_units import recognise, show_faces
-from aam.validation.units.expressed_faces import EXPRESSIONS, with_units
+from aam.validation.units.unit_experiment import unit_part
 
 Tell = Callable[[str], None]
 
@@ -28,9 +33,6 @@ PARTS_OF_PAIR = frozenset({"model", "search", "speed", "prediction"})
 SEED = 1
 # Faces of the training set whose displacements are predicted.
 DISPLACED_FACES = 80
-# Faces of known and of new people on which expressions are drawn to judge by.
-EXPRESSED_FACES = 40
-DRAWN_INTENSITIES = (0.4, 1.0)
 # What is changed one by one (2.4.2 to 2.4.5), from the full frame, retinex, W_s as it is.
 VARIANTS = {
     "full frame, retinex": {},
@@ -79,7 +81,7 @@ def run_experiments(
             case "first-frames":
                 text = first_frame_part([*train, *test], truth, options)
             case "units":
-                text = unit_part(train, test, size)
+                text = unit_part(train, test, size, SEED)
             case _:
                 raise ValueError(f"part is {part!r}, expected one of {PARTS}")
         yield f"{part}.md", text
@@ -95,16 +97,28 @@ def train_pair(
 
 def model_part(pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]) -> str:
     """Compactness and specificity (3.1.1, 3.1.3); what the modes can reach on the test set."""
-    modes = {name: mode_counts(each, train) for name, each in pair.items()}
-    special = {name: specificity(each, train, SEED) for name, each in pair.items()}
-    reach = {name: best_possible(each, test) for name, each in pair.items()}
-    rows: list[list[object]] = [
-        ["shape, texture, combined modes", "9, 81, 33", _joined(modes["head"]), "31, 106, 53"],
-        ["specificity, px^2", "6.28", f"{special['head']:.1f}", "8.66"],
-        ["best possible error of the test set, px^2", "-", f"{reach['head'].error:.1f}", "-"],
+    near, near_test = (list(filter(is_near_frontal, each)) for each in (train, test))
+    cells = {}
+    for name, each in pair.items():
+        shape, combined = modes_of_equal_error(each, near, near_test)
+        cells[name] = [
+            _joined(mode_counts(each, train)),
+            _joined(mode_counts(each, near)),
+            f"{shape}, {combined}",
+            f"{specificity(each, train, SEED):.1f}",
+            f"{best_possible(each, test).error:.1f}",
+        ]
+    labels = [
+        ("shape, texture, combined modes", "-", "-"),
+        (f"the same of the {len(near)} faces within 15 degrees", "9, 81, 33", "31, 106, 53"),
+        (f"shape, combined modes that leave {EQUAL_ERROR_PX2:g} px^2 of the landmarks", "-", "-"),
+        ("specificity, px^2", "6.28", "8.66"),
+        ("best possible error of the test set, px^2", "-", "-"),
     ]
-    own = [_joined(modes["2D"]), f"{special['2D']:.1f}", f"{reach['2D'].error:.1f}"]
-    rows = [[*row, each] for row, each in zip(rows, own, strict=True)]
+    rows = [
+        [label, head, cells["head"][number], planar, cells["2D"][number]]
+        for number, (label, head, planar) in enumerate(labels)
+    ]
     head = ["", "thesis, head", "here, head", "thesis, 2D", "here, 2D"]
     return "## Compactness and specificity\n\n" + tables.table(head, rows)
 
@@ -246,40 +260,6 @@ def folds(
     other = [[each for each in truth if each.person in own] for own in reversed(people)]
     other[0] += [each for each in truth if each.person not in known]
     return halves, other
-
-
-def unit_part(train: Sequence[Sample], test: Sequence[Sample], size: int) -> str:
-    """Action units of known and of new people (Tables 3.3, 3.4), in the inside-face frame.
-
-    The training set is joined by one drawn expression of each of its faces.
-    """
-    random, count = np.random.default_rng(SEED), len(EXPRESSIONS)
-    drawn = [
-        with_units(each, EXPRESSIONS[random.integers(count)], random.uniform(*DRAWN_INTENSITIES))
-        for each in train
-    ]
-    options = TrainingOptions(size=size, frame="inside", retained=0.97, mirror=False)
-    return unit_tables(train_head([*train, *drawn], options), train, test)
-
-
-def unit_tables(contender: Contender, train: Sequence[Sample], test: Sequence[Sample]) -> str:
-    """The tables of `unit_part` for a trained AAM; learned are the faces that are not judged."""
-    known = _spread(train, min(EXPRESSED_FACES, len(train) // 2))
-    learned = [each for each in train if each not in known]
-    shown, *judged = (
-        show_faces(contender, each) for each in (learned, known, _spread(test, EXPRESSED_FACES))
-    )
-    dependent, independent = (recognise(shown, each) for each in judged)
-    text = "## Action units\n"
-    for name in dependent:
-        text += f"\n{name}:\n\n" + tables.unit_table(dependent[name], independent[name])
-    return text
-
-
-def _spread(samples: Sequence[Sample], count: int) -> list[Sample]:
-    """So many of the samples, all if there are fewer, spread over them."""
-    chosen = np.linspace(0, len(samples) - 1, min(count, len(samples)))
-    return [samples[number] for number in chosen.astype(int)]
 
 
 def _joined(values: Sequence[int]) -> str:

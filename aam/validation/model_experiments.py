@@ -1,6 +1,6 @@
 """Compactness and specificity (3.1.1, 3.1.3): what the modes span."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +10,14 @@ from aam.training.train import combined_model
 from aam.validation.contenders import Contender
 from aam.validation.planar_warp import PLANAR_LANDMARKS, similarity
 from aam.validation.samples import ANATOMICAL, Sample
+from aam.weak_pose import euler_angles_deg
 from shared_model.arrays import Array
 
 # Faces that are drawn at random (3.1.3).
 INSTANCES = 210
+# Turns of the faces in 3.1; landmark error at which modes are counted, and the share of the
+# variance of the model whose modes they are.
+NEAR_FRONTAL_DEG, EQUAL_ERROR_PX2, DENSE = 15.0, 1.0, 0.98
 
 
 def mode_counts(contender: Contender, samples: Sequence[Sample]) -> tuple[int, int, int]:
@@ -22,6 +26,49 @@ def mode_counts(contender: Contender, samples: Sequence[Sample]) -> tuple[int, i
     options = replace(contender.options, mirror=False)
     model, _ = combined_model(contender.prepared(samples, level), contender.warps[level], options)
     return tuple(len(each.variances) for each in (model.shape, model.texture, model.combined))  # type: ignore[return-value]
+
+
+def is_near_frontal(sample: Sample) -> bool:
+    """Whether a head is turned by at most `NEAR_FRONTAL_DEG` about each axis, as in 3.1."""
+    return all(abs(angle) <= NEAR_FRONTAL_DEG for angle in euler_angles_deg(sample.face.pose))
+
+
+def modes_of_equal_error(
+    contender: Contender, train: Sequence[Sample], test: Sequence[Sample]
+) -> tuple[int, int]:
+    """Shape and combined modes that leave `EQUAL_ERROR_PX2` of new faces' landmarks (eq. 3.1).
+
+    The landmarks are those of the contender's own shape, whole, so that what its shapes cannot
+    reach anyway does not count.  The modes are those of a model that keeps `DENSE` of the variance;
+    if all of them leave more, their number is one less than what is told.
+    """
+    level, warp = len(contender.levels) - 1, contender.warps[-1]
+    options = replace(contender.options, mirror=False, retained=DENSE, shape_retained=None)
+    model, _ = combined_model(contender.prepared(train, level), warp, options)
+    faces = contender.prepared(test, level)
+    shapes = np.array([face.shape for face in faces])
+    textures = [texture_at(warp, face.luma, face.shape, face.pose) for face in faces]
+    p_s, c = model.shape.coefficients(shapes), model.parameters_of(shapes, np.array(textures))
+    chosen = [PLANAR_LANDMARKS.index(index) for index in ANATOMICAL]
+
+    def error(found: Array) -> float:
+        squares = []
+        for sample, face, shape in zip(test, faces, found, strict=True):
+            own, other = (warp.landmarks(each, face.pose) for each in (face.shape, shape))
+            left = contender.points(own - other, PLANAR_LANDMARKS)[chosen]
+            pixels = sample.eye_distance * len(face.luma) / len(sample.face.window.picture)
+            squares.append(((100 * left / pixels) ** 2).sum(1).mean())
+        return float(np.mean(squares))
+
+    def fewest(coefficients: Array, shapes_of: Callable[[Array], Array]) -> int:
+        total = int(coefficients.shape[1])
+        for count in range(1, total + 1):
+            kept = np.where(np.arange(total) < count, coefficients, 0.0)
+            if error(shapes_of(kept)) <= EQUAL_ERROR_PX2:
+                return count
+        return total + 1
+
+    return fewest(p_s, model.shape.values), fewest(c, model.shape_of)
 
 
 def specificity(contender: Contender, samples: Sequence[Sample], seed: int) -> float:

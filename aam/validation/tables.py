@@ -2,22 +2,35 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from aam.validation.prediction_experiments import PredictionCurve
 from aam.validation.search_experiments import Generalisation
-from aam.validation.units.action_units import Recognition
+from aam.validation.units.outcomes import OUTCOMES, Recognition
 
-# Table 2.5: percent and degrees; Tables 3.3 and 3.4: recognition rates, percent.
+# Table 2.5: percent and degrees.
 THESIS_POSE = {
     "head": {"tx": 2.6, "ty": 2.5, "scale": 2.09, "rx": 4.03, "ry": 2.60, "rz": 1.03},
     "2D": {"tx": 1.4, "ty": 2.3, "scale": 1.21, "turn": 0.91},
 }
-THESIS_DEPENDENT = {
-    **{"Neutral": 95.0, "AU1": 87.5, "AU2": 78.8, "AU4": 97.6, "AU12": 94.1},
-    **{"AU15": 94.4, "AU26": 74.3},
+# Tables 3.3 and 3.4: shown, right, false, missed, confused.
+THESIS_KNOWN = {
+    "Neutral": (20, 19, 1, 0, 0),
+    "AU1": (24, 21, 0, 3, 0),
+    "AU2": (52, 41, 1, 9, 1),
+    "AU4": (42, 41, 0, 0, 1),
+    "AU12": (51, 48, 3, 0, 0),
+    "AU15": (18, 17, 0, 1, 0),
+    "AU26": (74, 55, 0, 19, 0),
 }
-THESIS_INDEPENDENT = {
-    **{"Neutral": 85.0, "AU1": 80.0, "AU2": 74.0, "AU4": 87.5, "AU12": 76.4},
-    **{"AU15": 76.9, "AU26": 58.3},
+THESIS_NEW = {
+    "Neutral": (20, 17, 3, 0, 0),
+    "AU1": (10, 8, 0, 2, 0),
+    "AU2": (27, 20, 1, 5, 1),
+    "AU4": (24, 21, 1, 1, 1),
+    "AU12": (17, 13, 0, 4, 0),
+    "AU15": (13, 10, 1, 2, 0),
+    "AU26": (24, 14, 0, 10, 0),
 }
 
 
@@ -74,25 +87,30 @@ def search_table(results: Mapping[tuple[str, str, str], Generalisation]) -> str:
     return table(head, rows)
 
 
-def unit_table(dependent: Recognition, independent: Recognition) -> str:
-    """Recognition of action units by one classifier (Tables 3.3 and 3.4)."""
+def unit_table(found: Recognition, thesis: Mapping[str, tuple[int, ...]]) -> str:
+    """Outcomes of action units (Tables 3.3 and 3.4) beside the thesis', % of what is shown, and F1,
+    area under the curve and false-positive rate of each.
+    """
     rows = []
-    for name, known in dependent.units.items():
-        new = independent.units[name]
-        rows.append(
-            [
-                *(name, THESIS_DEPENDENT[name], f"{100 * known.rate:.1f} of {known.shown}"),
-                *(THESIS_INDEPENDENT[name], f"{100 * new.rate:.1f} of {new.shown}"),
-                f"{100 * new.false / new.absent:.1f}",
-                f"{independent.correlation[name]:.2f}" if name in independent.correlation else "-",
-            ]
-        )
-    rates = f"{100 * dependent.rate:.1f}", f"{100 * independent.rate:.1f}"
-    rows.append(
-        ["all", 86.1, rates[0], 76.2, rates[1], f"{100 * independent.false_alarms:.1f}", "-"]
-    )
-    head = ["unit", "thesis, known people", "here, known", "thesis, new people", "here, new"]
-    text = table([*head, "false alarms, new, %", "correlation, new"], rows)
-    text += "\nFalse alarms, % of what is shown (thesis 1.7 and 4.4): known people "
-    alarms = [f"{100 * each.false_of_shown:.1f}" for each in (dependent, independent)]
-    return text + f"{alarms[0]}, new {alarms[1]}.\n"
+    for name, unit in found.units.items():
+        outcomes = [f"{100 * getattr(unit, each) / max(unit.shown, 1):.1f}" for each in OUTCOMES]
+        others = ["-", "-", "-"]
+        if name != "Neutral":
+            rate = f"{100 * unit.false_positive_rate:.1f}"
+            others = [f"{unit.f1:.2f}", f"{unit.auc:.3f}", rate]
+        shown, *counts = thesis[name]
+        theirs = [f"{100 * each / shown:.1f}" for each in counts]
+        rows.append([name, unit.shown, *_beside(outcomes, theirs), *others])
+    outcomes = [f"{100 * found.share(each):.1f}" for each in OUTCOMES]
+    sums = np.sum(list(thesis.values()), 0)
+    theirs = [f"{100 * each / sums[0]:.1f}" for each in sums[1:]]
+    shown = sum(unit.shown for unit in found.units.values())
+    means = [f"{found.mean('f1'):.2f}", f"{found.mean('auc'):.3f}"]
+    rate = f"{100 * found.mean('false_positive_rate'):.1f}"
+    rows.append(["all", shown, *_beside(outcomes, theirs), *means, rate])
+    head = ["unit", "shown", *(f"{each}, % (thesis)" for each in OUTCOMES)]
+    return table([*head, "F1", "AUC", "false-positive rate, %"], rows)
+
+
+def _beside(ours: Sequence[str], theirs: Sequence[str]) -> list[str]:
+    return [f"{own} ({other})" for own, other in zip(ours, theirs, strict=True)]

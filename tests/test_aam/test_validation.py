@@ -32,8 +32,14 @@ from aam.validation.planar_warp import (
 from aam.validation.prediction_experiments import PredictionCurve
 from aam.validation.samples import Sample, split_people
 from aam.validation.search_experiments import Generalisation, generalisation
-from aam.validation.units.action_units import Recognition, UnitResult, recognise, show_faces
-from aam.validation.units.expressed_faces import UNITS, with_units
+from aam.validation.units.action_units import (
+    ShownFaces,
+    own_neutrals,
+    recognise,
+    show_faces,
+)
+from aam.validation.units.expressed_faces import EXPRESSIONS, with_units
+from aam.validation.units.outcomes import area_under_curve, found_units, judged_units
 from aam.warps import head_warp
 from shared_model.arrays import Array
 
@@ -168,18 +174,37 @@ def test_prediction_and_modes_of_both_are_told(pair: dict[str, Contender]) -> No
 
 
 def test_recognition_counts_every_picture(pair: dict[str, Contender]) -> None:
-    learned, judged = (show_faces(pair["head"], each) for each in (TRAIN[:4], TEST[:2]))
-    assert learned.texture.shape == (4 * 17, len(pair["head"].levels[-1].texture.mean))
-    both = recognise(learned, judged)
-    assert set(both) == {"thresholds", "linear", "SVM", "SVM of texture", "SVM of gradients"}
-    for found in both.values():
-        assert found.units["AU26"].shown == found.units["AU1"].shown == 2 * 2 * 3
-        assert found.units["Neutral"].shown == 2
-        assert all(each.correct + each.missed == each.shown for each in found.units.values())
-        assert set(found.correlation) == set(UNITS)
-    text = tables.unit_table(both["linear"], both["thresholds"])
-    assert "| AU26 | 74.3 |" in text
-    assert "(thesis 1.7 and 4.4): known people" in text
+    sets = (TRAIN[:4], TRAIN[4:6], TEST[:2])
+    learned, known, new = (show_faces(pair["head"], each) for each in sets)
+    shows = 1 + 2 * (len(EXPRESSIONS) - 1)
+    assert learned.texture.shape == (4 * shows, len(pair["head"].levels[-1].texture.mean))
+    results = recognise(learned, known, new)
+    ways = {"thresholds", "linear", "SVM", "SVM of texture", "SVM of gradients"}
+    assert set(results) == {*ways, "SVM less own neutral"}
+    assert results["SVM less own neutral"][1] is None
+    for way in ways:
+        for found in results[way]:
+            assert found is not None
+            assert found.units["AU26"].shown == 2 * 2 * 3
+            assert found.units["AU1"].shown == 2 * 2 * 4
+            assert found.units["Neutral"].shown == 2
+    text = tables.unit_table(results["linear"][0], tables.THESIS_KNOWN)
+    assert "| AU26 | 12 |" in text and "(74.3)" in text and "(86.1)" in text
+    first = results["linear"][1]
+    assert first is not None
+    assert "(76.3)" in tables.unit_table(first, tables.THESIS_NEW)
+
+
+def test_own_neutral_faces_are_those_of_other_pictures_where_there_are_any() -> None:
+    people, pictures = np.array(["a", "a", "a", "b", "c"]), np.array(["1", "1", "2", "3", "4"])
+    shown = np.zeros((5, 6))
+    shown[1, 0] = shown[4, 0] = 1
+    none, texels = np.zeros((5, 1)), np.zeros((5, 1), np.float32)
+    faces = ShownFaces(shown, people, pictures, none, none, none, texels, texels)
+    features = np.arange(1.0, 6)[:, None]
+    own = own_neutrals(features, faces, features, faces)
+    # Of c nothing neutral is known.
+    np.testing.assert_array_equal(own[:, 0], [3, 3, 1, 4, 0])
 
 
 def test_first_frames_without_a_face_are_not_right() -> None:
@@ -212,12 +237,33 @@ def test_first_frames_are_judged_once_by_a_model_without_their_people() -> None:
     assert sorted(each.person for part in pictures for each in part) == sorted(people)
 
 
-def test_rates_are_those_of_the_counts() -> None:
-    units = {"Neutral": UnitResult(2, 1, 1, 0, 8), "AU1": UnitResult(8, 6, 2, 1, 4)}
-    found = Recognition(units, {"AU1": 0.5})
-    assert found.rate == pytest.approx(0.7)
-    assert found.false_alarms == pytest.approx(0.25)
-    assert found.false_of_shown == pytest.approx(0.1)
+def test_outcomes_of_a_shown_unit_exclude_each_other() -> None:
+    shown, found = np.zeros((6, 6)), np.zeros((6, 6), bool)
+    shown[2:, 0], shown[5, 1] = 1.0, 0.6
+    found[1, 3] = True
+    found[[2, 3], 0] = True
+    found[3, 4] = found[4, 4] = found[5, 1] = True
+    result = judged_units(found.astype(float), shown, found)
+    neutral, first, second = (result.units[name] for name in ("Neutral", "AU1", "AU2"))
+    assert (neutral.right, neutral.false) == (1, 1)
+    assert (first.right, first.false, first.missed, first.confused) == (1, 1, 1, 1)
+    assert (second.right, second.shown) == (1, 1)
+    assert result.units["AU15"].false_positive_rate == pytest.approx(2 / 6)
+    assert first.f1 == pytest.approx(2 * 2 / (2 * 2 + 0 + 2))
+    assert result.share("right") == pytest.approx(3 / 7)
+    assert result.share("false") == pytest.approx(2 / 7)
+
+
+def test_thresholds_let_as_much_false_pass_as_is_told() -> None:
+    random = np.random.default_rng(2)
+    shown = (random.random((3000, 6)) < 0.15).astype(float)
+    strengths = shown + random.normal(0, 0.4, shown.shape)
+    for share in (0.017, 0.1):
+        found = found_units(strengths, shown, strengths, share)
+        result = judged_units(strengths, shown, found)
+        assert 0.3 * share < result.share("false") <= share
+    assert area_under_curve(strengths[:, 0], shown[:, 0] > 0) > 0.9
+    assert area_under_curve(np.zeros(4), np.array([True, False, True, False])) == 0.5
 
 
 def test_people_of_the_training_set_are_no_test() -> None:

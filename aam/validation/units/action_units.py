@@ -23,14 +23,15 @@ from aam.validation.units.classifiers import (
 )
 from aam.validation.units.expressed_faces import EXPRESSIONS, INTENSITIES, UNITS, with_units
 from aam.validation.units.gradient_histograms import gradient_histograms
+from aam.validation.units.outcomes import Recognition, found_units, judged_units
 from aam.warps import head_warp
 from aam.window import FaceWindow, shrunk
 from runtime.parallel import parallel_map
-from shared_model.arrays import Array, Mask, Single
+from shared_model.arrays import Array, Single
 from shared_model.parameters import EAU_INDEX
 
-# How many strengths are tried at which a unit may count as shown.
-THRESHOLDS = 64
+# Shares of what is shown that may be false by the learned folds: the thesis' (Tables 3.3, 3.4).
+FALSE_OF_KNOWN, FALSE_OF_NEW = 0.017, 0.044
 # Chosen by cross-validation over people of the training set.
 TEXTURE_COMPONENTS, GRADIENT_COMPONENTS = 50, 150
 # A unit's strength: mean of these EAUs, with their signs.
@@ -45,53 +46,11 @@ STRENGTHS = {
 assert tuple(STRENGTHS) == tuple(UNITS)
 
 
-@dataclass(frozen=True, slots=True)
-class UnitResult:
-    """Of one unit: pictures that show it, in which it was found, missed; others in which it was."""
-
-    shown: int
-    correct: int
-    missed: int
-    false: int
-    absent: int
-
-    @property
-    def rate(self) -> float:
-        """Share of its pictures in which it was found (Tables 3.3 and 3.4)."""
-        return self.correct / max(self.shown, 1)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Recognition:
-    """units: by name, "Neutral" first.  correlation: of strength found and shown, by unit."""
-
-    units: dict[str, UnitResult]
-    correlation: dict[str, float]
-
-    @property
-    def rate(self) -> float:
-        """Correct of all that was shown."""
-        shown = sum(each.shown for each in self.units.values())
-        return sum(each.correct for each in self.units.values()) / shown
-
-    @property
-    def false_alarms(self) -> float:
-        """Share of pictures without a unit in which it was found, of all units."""
-        units = [each for name, each in self.units.items() if name != "Neutral"]
-        return sum(each.false for each in units) / sum(each.absent for each in units)
-
-    @property
-    def false_of_shown(self) -> float:
-        """Units found that are not there, of all units and neutral faces shown (Table 3.4)."""
-        false = sum(each.false for name, each in self.units.items() if name != "Neutral")
-        return false / sum(each.shown for each in self.units.values())
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownFaces:
     """What a search finds on n pictures of drawn expressions.
 
-    shown: (n, 6) intensity of each unit.  people: (n,) who it is.
+    shown: (n, 6) intensity of each unit.  people: (n,) who it is.  pictures: (n,) of which picture.
     strengths: (n, 6) of each unit in the EAUs found.  eau: (n, 14) three times the EAUs found, of
         their ranges.  combined: (n, m) c in standard deviations.
     texture: (n, k) what is there under the face found, its EAUs at rest: what an expression moves
@@ -101,6 +60,7 @@ class ShownFaces:
 
     shown: Array
     people: NDArray[np.str_]
+    pictures: NDArray[np.str_]
     strengths: Array
     eau: Array
     combined: Array
@@ -127,60 +87,75 @@ def show_faces(contender: Contender, samples: Sequence[Sample]) -> ShownFaces:
     return ShownFaces(
         np.array([[i * (name in units) for name in UNITS] for _, units, i in shows]),
         np.array([sample.face.person for sample, _, _ in shows]),
+        np.array([sample.face.name for sample, _, _ in shows]),
         *(np.array(each) for each in zip(*found, strict=True)),
     )
 
 
-def recognise(learned: ShownFaces, judged: ShownFaces) -> dict[str, Recognition]:
-    """Units of the judged faces by classifiers that learn from the others.
+def recognise(
+    learned: ShownFaces, known: ShownFaces, new: ShownFaces
+) -> dict[str, tuple[Recognition, Recognition | None]]:
+    """Units of known and of new people by classifiers that learn from other pictures.
 
     "thresholds": the EAUs themselves say how strong a unit is, as in the thesis.  "linear": ridge
     regression on EAUs and combined parameters.  "SVM": a support vector machine for each unit on
     the same, with radial basis functions.  "SVM of texture": on EAUs and principal components of
-    the texture.  "SVM of gradients": on these and components of the gradients.  A unit counts as
-    found above a threshold that was chosen on the learned faces, unit by unit, by machines that
-    have not seen the people.
+    the texture.  "SVM of gradients": on these and components of the gradients.  "SVM less own
+    neutral": on the same less those of the person's neutral faces, of known people alone.  A unit
+    counts as found above a threshold that was chosen on the learned faces by machines that have not
+    seen the people, see `found_units`.
     """
-    both = learned, judged
-    eau = [np.hstack([each.strengths, each.eau]) for each in both]
-    combined = _joined(eau, [each.combined for each in both])
-    texture = components(learned.texture, judged.texture, TEXTURE_COMPONENTS)
+    judged = [known, new]
+    eau = [np.hstack([each.strengths, each.eau]) for each in (learned, *judged)]
+    combined = _joined(eau, [each.combined for each in (learned, *judged)])
+    texture = components([each.texture for each in (learned, *judged)], TEXTURE_COMPONENTS)
     textured = _joined(eau, texture)
-    gradients = components(learned.gradients, judged.gradients, GRADIENT_COMPONENTS)
+    gradients = components([each.gradients for each in (learned, *judged)], GRADIENT_COMPONENTS)
     edged = _joined(textured, gradients)
+    own = own_neutrals(edged[0], learned, edged[0], learned)
+    less = [edged[0] - own, edged[1] - own_neutrals(edged[0], learned, edged[1], known)]
 
-    def by(classifier: Classifier, rows: Sequence[Array]) -> tuple[Array, Array]:
-        return by_folds(classifier, *scaled(rows[0], rows[1]), learned.shown, learned.people)
+    def by(classifier: Classifier, rows: Sequence[Array]) -> list[Array]:
+        return by_folds(classifier, scaled(rows), learned.shown, learned.people)
 
     strengths = {
-        "thresholds": (learned.strengths, judged.strengths),
+        "thresholds": [each.strengths for each in (learned, *judged)],
         "linear": by(regressed, combined),
         "SVM": by(separated, combined),
         "SVM of texture": by(separated, textured),
         "SVM of gradients": by(separated, edged),
+        "SVM less own neutral": by(separated, less),
     }
-    return {name: _judged(*pair, learned.shown, judged.shown) for name, pair in strengths.items()}
+    results = {}
+    for name, (taught, *found) in strengths.items():
+        pairs = zip(found, judged, (FALSE_OF_KNOWN, FALSE_OF_NEW), strict=False)
+        own_results = [
+            judged_units(each, faces.shown, found_units(taught, learned.shown, each, share))
+            for each, faces, share in pairs
+        ]
+        results[name] = own_results[0], own_results[1] if len(own_results) > 1 else None
+    return results
+
+
+def own_neutrals(features: Array, learned: ShownFaces, rows: Array, faces: ShownFaces) -> Array:
+    """(n, m) for each row of faces the mean features of the person's neutral faces among the
+    learned, of other pictures than the row's if there are any.
+
+    features: (l, m) of the learned faces.  rows: (n, m) of the faces.
+    """
+    is_neutral, found = learned.shown.sum(1) == 0, np.zeros_like(rows)
+    for number, (person, picture) in enumerate(zip(faces.people, faces.pictures, strict=True)):
+        own = is_neutral & (learned.people == person)
+        others = own & (learned.pictures != picture)
+        chosen = others if others.any() else own
+        if chosen.any():
+            found[number] = features[chosen].mean(0)
+    return found
 
 
 def _joined(rows: Sequence[Array], others: Sequence[NDArray[np.floating]]) -> list[Array]:
-    """Features of the learned and of the judged faces, side by side."""
+    """Features of several sets of faces, side by side."""
     return [np.hstack([one, other]) for one, other in zip(rows, others, strict=True)]
-
-
-def _judged(known: Array, found: Array, taught: Array, shown: Array) -> Recognition:
-    """known, found: strengths (n, 6), of which thresholds are chosen and of which units are found.
-    taught, shown: intensities of either.
-    """
-    is_found = np.zeros(shown.shape, bool)
-    for column in range(len(UNITS)):
-        threshold = _threshold(known[:, column], taught[:, column] > 0)
-        is_found[:, column] = found[:, column] > threshold
-    results = {"Neutral": _counted((shown > 0).sum(1) == 0, is_found.sum(1) == 0)}
-    for column, name in enumerate(UNITS):
-        results[name] = _counted(shown[:, column] > 0, is_found[:, column])
-    pairs = zip(UNITS, found.T, shown.T, strict=True)
-    correlation = {name: _correlation(a, b) for name, a, b in pairs}
-    return Recognition(results, correlation)
 
 
 # Strengths, EAUs, combined parameters, texture and gradients of a picture, see `ShownFaces`.
@@ -208,25 +183,3 @@ def _features(contender: Contender, sample: Sample) -> _Features:
     gradients = gradient_histograms(warp.size, "full", whole)
     c = fit.results[-1].c / contender.levels[-1].deviations
     return np.array(strengths), 3 * relative, c, texture, gradients
-
-
-def _correlation(one: Array, other: Array) -> float:
-    one, other = one - one.mean(), other - other.mean()
-    scale = float(np.linalg.norm(one)) * float(np.linalg.norm(other))
-    return float(one @ other) / max(scale, 1e-12)
-
-
-def _threshold(strength: Array, shown: Mask) -> float:
-    """The threshold of the best balanced accuracy."""
-    tried = np.quantile(strength, np.linspace(0, 1, THRESHOLDS))
-    found = strength[None] > tried[:, None]
-    hits = (found & shown).sum(1) / max(int(shown.sum()), 1)
-    rejections = (~found & ~shown).sum(1) / max(int((~shown).sum()), 1)
-    return float(tried[int((hits + rejections).argmax())])
-
-
-def _counted(shown: Mask, found: Mask) -> UnitResult:
-    correct, false = int((shown & found).sum()), int((~shown & found).sum())
-    return UnitResult(
-        int(shown.sum()), correct, int(shown.sum()) - correct, false, int((~shown).sum())
-    )

@@ -1,6 +1,6 @@
 """Classifiers of action units: strengths of units from rows of features."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
@@ -19,34 +19,36 @@ FOLDS = 8
 Classifier = Callable[[Array, Array, Array], Array]
 
 
-def scaled(known: Array, new: Array) -> tuple[Array, Array]:
-    """Rows divided by the standard deviations of the known ones."""
-    scale = np.maximum(known.std(0), 1e-6)
-    return known / scale, new / scale
+def scaled(rows: Sequence[Array]) -> list[Array]:
+    """Sets of rows divided by the standard deviations of the first, which are learned from."""
+    scale = np.maximum(rows[0].std(0), 1e-6)
+    return [each / scale for each in rows]
 
 
-def components(known: Single, new: Single, count: int) -> tuple[Single, Single]:
-    """Rows (n, count) of known and new ones along the first principal axes of the known ones."""
-    mean = known.mean(0)
-    _, axes = np.linalg.eigh((known - mean).T @ (known - mean))
+def components(rows: Sequence[Single], count: int) -> list[Single]:
+    """Sets of rows (n, count) along the first principal axes of the first of them."""
+    mean = rows[0].mean(0)
+    _, axes = np.linalg.eigh((rows[0] - mean).T @ (rows[0] - mean))
     chosen = axes[:, : -count - 1 : -1]
-    return (known - mean) @ chosen, (new - mean) @ chosen
+    return [(each - mean) @ chosen for each in rows]
 
 
 def by_folds(
-    classifier: Classifier, known: Array, new: Array, taught: Array, people: NDArray[np.str_]
-) -> tuple[Array, Array]:
-    """Strengths of known rows, each by what was learned from other people, for thresholds; and of
-    new rows.
+    classifier: Classifier, rows: Sequence[Array], taught: Array, people: NDArray[np.str_]
+) -> list[Array]:
+    """Strengths of the first set of rows, each by what was learned from other people, for
+    thresholds; and of the other sets.
 
-    taught: intensities shown by the known rows, of these people.
+    taught: intensities shown by the first set, of these people.
     """
+    known, *others = rows
     names, person = np.unique(people, return_inverse=True)
     fold, own = person % FOLDS, np.zeros(taught.shape)
     for number in range(min(FOLDS, len(names))):
         inside = fold == number
         own[inside] = classifier(known[~inside], taught[~inside], known[inside])
-    return own, classifier(known, taught, new)
+    judged = classifier(known, taught, np.concatenate(others))
+    return [own, *np.split(judged, np.cumsum([len(each) for each in others])[:-1])]
 
 
 def regressed(known: Array, taught: Array, new: Array) -> Array:

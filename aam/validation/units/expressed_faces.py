@@ -27,6 +27,8 @@ UNITS: dict[str, dict[str, float]] = {
 }
 EXPRESSIONS: tuple[tuple[str, ...], ...] = (
     (),
+    ("AU1",),
+    ("AU2",),
     ("AU1", "AU2"),
     ("AU4",),
     ("AU12",),
@@ -37,6 +39,9 @@ EXPRESSIONS: tuple[tuple[str, ...], ...] = (
     ("AU1", "AU15"),
 )
 INTENSITIES = (0.6, 1.0)
+# Expressions are drawn on faces at rest: the mouth's EAUs are below this, of their ranges.  What
+# the annotation says of the brows is a part of who it is: no face has all of its EAUs below .1.
+REST, REST_EAUS = 0.25, ("jaw_drop", "mouth_corners")
 TEXELS = 256
 INNER_LIPS = (
     *(78, 191, 80, 81, 82, 13, 312, 311, 310, 415, 308),
@@ -44,6 +49,11 @@ INNER_LIPS = (
 )
 # What shows between the lips.
 MOUTH_BGR = (35, 30, 45)
+
+
+def is_at_rest(sample: Sample) -> bool:
+    """Whether expressions are drawn on a face, see `REST`."""
+    return all(abs(float(sample.eau[EAU_INDEX[name]])) < REST for name in REST_EAUS)
 
 
 def with_units(sample: Sample, units: tuple[str, ...], intensity: float) -> Sample:

@@ -1,0 +1,71 @@
+"""The experiment on action units (Tables 3.3 and 3.4)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from aam.training.train import TrainingOptions
+from aam.validation import tables
+from aam.validation.contenders import Contender, train_head
+from aam.validation.samples import Sample
+from aam.validation.units.action_units import recognise, show_faces
+from aam.validation.units.expressed_faces import EXPRESSIONS, is_at_rest, with_units
+
+# Faces of known and of new people on which expressions are drawn to judge by.
+EXPRESSED_FACES = 40
+DRAWN_INTENSITIES = (0.4, 1.0)
+
+
+def unit_part(train: Sequence[Sample], test: Sequence[Sample], size: int, seed: int) -> str:
+    """Action units of known and of new people (Tables 3.3, 3.4), in the inside-face frame.
+
+    The training set is joined by one drawn expression of each of its faces.
+    """
+    random, count = np.random.default_rng(seed), len(EXPRESSIONS)
+    drawn = [
+        with_units(each, EXPRESSIONS[random.integers(count)], random.uniform(*DRAWN_INTENSITIES))
+        for each in train
+    ]
+    options = TrainingOptions(
+        size=size, frame="inside", retained=0.97, mirror=False, regression=False
+    )
+    contender = train_head([*train, *drawn], options)
+    return unit_tables(contender, *(list(filter(is_at_rest, each)) for each in (train, test)))
+
+
+def unit_tables(contender: Contender, train: Sequence[Sample], test: Sequence[Sample]) -> str:
+    """The tables of `unit_part` for a trained AAM, of faces at rest.
+
+    Known people are those of several pictures; each is judged by up to half of them, and learned by
+    the others, by which the own neutral face is known, too.
+    """
+    known = _spread(half_of_each_person(train), EXPRESSED_FACES)
+    judged = {each.face.name for each in known}
+    learned = [each for each in train if each.face.name not in judged]
+    shown = (
+        show_faces(contender, each) for each in (learned, known, _spread(test, EXPRESSED_FACES))
+    )
+    text = f"## Action units\n\n{len(learned)} faces are learned.\n"
+    for name, (dependent, independent) in recognise(*shown).items():
+        text += f"\n{name}, known people:\n\n" + tables.unit_table(dependent, tables.THESIS_KNOWN)
+        if independent is not None:
+            table = tables.unit_table(independent, tables.THESIS_NEW)
+            text += f"\n{name}, new people:\n\n" + table
+    return text
+
+
+def half_of_each_person(samples: Sequence[Sample]) -> list[Sample]:
+    """Every other of each person's samples but for the first."""
+    seen: dict[str, int] = {}
+    chosen = []
+    for sample in samples:
+        number = seen[sample.face.person] = seen.get(sample.face.person, -1) + 1
+        if number % 2:
+            chosen.append(sample)
+    return chosen
+
+
+def _spread(samples: Sequence[Sample], count: int) -> list[Sample]:
+    """So many of the samples, all if there are fewer, spread over them."""
+    chosen = np.linspace(0, len(samples) - 1, min(count, len(samples)))
+    return [samples[number] for number in chosen.astype(int)]
