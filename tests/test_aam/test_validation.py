@@ -7,9 +7,16 @@ import pytest
 from aam_faces import synthetic_faces
 
 from aam.search.search import METHODS, SearchOptions
+from aam.shape_space import SHAPE_COUNT
 from aam.training.train import TrainingOptions
 from aam.validation import tables
-from aam.validation.contenders import Contender, errors, train_head, train_planar
+from aam.validation.contenders import (
+    Contender,
+    errors,
+    train_head,
+    train_planar,
+    train_residual_head,
+)
 from aam.validation.experiments import (
     PARTS,
     folds,
@@ -30,8 +37,9 @@ from aam.validation.planar_warp import (
     similarity,
 )
 from aam.validation.prediction_experiments import PredictionCurve
+from aam.validation.residual_shape import mirrored_controls
 from aam.validation.samples import Sample, split_people
-from aam.validation.search_experiments import Generalisation, generalisation
+from aam.validation.search_experiments import Generalisation, best_possible, generalisation
 from aam.validation.units.action_units import (
     ShownFaces,
     own_neutrals,
@@ -171,6 +179,25 @@ def test_prediction_and_modes_of_both_are_told(pair: dict[str, Contender]) -> No
     assert all(plot.startswith("<svg") and "polyline" in plot for plot in plots.values())
     counts = model_part(pair, TRAIN, TEST)
     assert "9, 81, 33" in counts and "specificity" in counts
+
+
+def test_residual_modes_take_in_what_ae_shapes_leave_of_the_landmarks(
+    pair: dict[str, Contender],
+) -> None:
+    def moved(sample: Sample) -> Sample:
+        """The lower part of the face is elsewhere than the head says, alike in everybody."""
+        landmarks = np.array(sample.landmarks)
+        landmarks[landmarks[:, 1] > landmarks[2, 1]] += [0, 2.5]
+        return replace(sample, landmarks=landmarks)
+
+    train, test = [moved(each) for each in TRAIN], [moved(each) for each in TEST]
+    richer = train_residual_head(train, replace(OPTIONS, shape_retained=0.97, regression=False))
+    assert richer.residual is not None
+    controls = richer.residual.modes.mean
+    np.testing.assert_allclose(mirrored_controls(mirrored_controls(controls)), controls, atol=1e-9)
+    assert best_possible(richer, test).error < 0.4 * best_possible(pair["head"], test).error
+    face = richer.prepared(test, 1)[0]
+    assert len(face.shape) == SHAPE_COUNT + len(richer.residual.modes.modes)
 
 
 def test_recognition_counts_every_picture(pair: dict[str, Contender]) -> None:
