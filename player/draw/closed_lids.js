@@ -38,9 +38,11 @@ class LidTexels {
     this.area = { left: size, right: 0, top: size, bottom: 0 };
     for (let at = 0; at < size * size; at++) {
       if (atlas.partAt(at) !== PARTS.SKIN) continue;
-      const shares = motions.map((motion) => atlas.valueAt(at, motion));
-      this.isAround[at] = Math.max(...shares) < AROUND_SHARE ? 1 : 0;
-      for (const [lid, share] of shares.entries()) {
+      this.isAround[at] = 1;
+      for (let lid = 0; lid < motions.length; lid++) {
+        const share = atlas.valueAt(at, motions[lid]);
+        if (share >= AROUND_SHARE) this.isAround[at] = 0;
+        if (share <= LID_SHARES[0]) continue;
         const lashes = smoothstep((share - LASH_SHARE) / (1 - LASH_SHARE));
         const own = smoothstep((share - LID_SHARES[0]) / (LID_SHARES[1] - LID_SHARES[0]));
         const weight = own * (1 - (1 - LASH_LIGHT) * lashes);

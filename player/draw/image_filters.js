@@ -7,8 +7,9 @@
 
 /** From these standard deviations on a blur works on a raster that is so much smaller. */
 const REDUCTIONS = [
-  { from: 8, by: 4 },
-  { from: 2, by: 2 },
+  { from: 8, by: 8 },
+  { from: 4, by: 4 },
+  { from: 1, by: 2 },
 ];
 
 /**

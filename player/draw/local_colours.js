@@ -119,23 +119,22 @@ export class LocalColours {
   complete({ values }) {
     const { size, expected } = this;
     const luma = emptyRaster(size, size, 1);
-    const sent = emptyRaster(size, size, 1);
+    // How strong the colour is that has been sent, and that which is expected.
+    const strengths = emptyRaster(size, size, 2);
     for (let at = 0, i = 0; at < size * size; at++, i += 3) {
       const y = RED * values[i] + GREEN * values[i + 1] + BLUE * values[i + 2];
       const [blue, red] = [values[i + 2] - y, values[i] - y];
       luma.values[at] = y;
-      sent.values[at] = Math.sqrt(blue * blue + red * red);
+      strengths.values[2 * at] = Math.sqrt(blue * blue + red * red);
     }
     const coarse = blurred(luma, COARSE).values;
-    const limit = emptyRaster(size, size, 1);
     for (let at = 0, i = 0; at < size * size; at++, i += 2) {
       const [blue, red] = [expected[i] * coarse[at], expected[i + 1] * coarse[at]];
-      limit.values[at] = Math.sqrt(blue * blue + red * red);
+      strengths.values[2 * at + 1] = Math.sqrt(blue * blue + red * red);
     }
-    const sentAround = blurred(sent, SENT_REACH).values;
-    const limitAround = blurred(limit, SENT_REACH).values;
+    const around = blurred(strengths, SENT_REACH).values;
     for (let at = 0, i = 0; at < size * size; at++, i += 3) {
-      const share = 1 - sentAround[at] / Math.max(SENT_SHARE * limitAround[at], 1e-3);
+      const share = 1 - around[2 * at] / Math.max(SENT_SHARE * around[2 * at + 1], 1e-3);
       if (share <= 0) continue;
       const missing = Math.min(share, 1) * coarse[at];
       const y = luma.values[at];
