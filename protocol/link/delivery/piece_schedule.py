@@ -29,12 +29,17 @@ NOTHING = Held(0, float("-inf"))
 class Peer:
     """A decoder: what it has, by its reports.
 
+    Of many some have the same `peer_id`, by which alone reports name them.  They count as one that
+    has what the newest of their reports says: who lacks something says so again and again.
+
+    others: sessions of the decoders with its `peer_id`.
     held: of the items that are not below `below`.
     answered: the newest nonce without padding that it has answered, and when that came.
     """
 
     session: bytes
     heard_s: float
+    others: set[bytes] = field(default_factory=set)
     below: dict[Channel, int] = field(default_factory=lambda: dict.fromkeys(Channel, 0))
     held: dict[tuple[Channel, int], Held] = field(default_factory=dict)
     loss: float = 0.0
@@ -95,6 +100,8 @@ class PieceSchedule:
         """Take over what a decoder, one of `peers`, has; whether that is more than before."""
         before = replace(peer, below=dict(peer.below), held=dict(peer.held))
         ends = {channel: self._items.span(channel).end for channel in Channel}
+        if peer.others:
+            peer.below, peer.held = dict.fromkeys(Channel, 0), {}
         for channel, below in zip(Channel, (report.ordered, report.unordered), strict=True):
             peer.below[channel] = min(max(peer.below[channel], below), ends[channel])
         for held in report.holdings:

@@ -95,7 +95,8 @@ class DeliverySender:
     @property
     def peers(self) -> frozenset[bytes]:
         """The sessions of the decoders that are present."""
-        return frozenset(peer.session for peer in self._peers.values())
+        sessions = ({peer.session, *peer.others} for peer in self._peers.values())
+        return frozenset[bytes]().union(*sessions)
 
     @property
     def quality(self) -> LinkQuality:
@@ -257,10 +258,13 @@ class DeliverySender:
             return
         peer = self._peers.get(peer_id(hello.session))
         if hello.echo == self._session:
-            if peer is None or peer.session != hello.session:
+            if peer is None:
                 peer = self._peers[peer_id(hello.session)] = Peer(
                     hello.session, now_s, window=PieceWindow(self._rate_bps)
                 )
+                self._on_peer(hello.session)
+            elif hello.session not in {peer.session, *peer.others}:
+                peer.others.add(hello.session)
                 self._on_peer(hello.session)
             peer.heard_s = self.heard_s = now_s
             self._measure(peer, hello.answers, now_s)
@@ -273,7 +277,8 @@ class DeliverySender:
     def _on_bye(self, bye: Bye) -> None:
         peer = self._peers.pop(bye.peer, None) if bye.role is Role.DECODER else None
         if peer is not None:
-            self._gone[bye.peer] = peer.session
+            if not peer.others:
+                self._gone[bye.peer] = peer.session
             self.is_end_heard = self.is_end_heard or self._has_ended
             if not self._peers:
                 self.heard_s = float("-inf")

@@ -165,10 +165,10 @@ def test_an_encoder_knows_who_is_there() -> None:
     end.forget_peers()
     assert end.peers == frozenset() and end.heard_s == 0.0
     end.receive(hello(Role.DECODER, DECODER, echo=ENCODER), 1.0)
-    end.receive(hello(Role.DECODER, b"decoder2", echo=ENCODER), 1.0)
-    for session in (DECODER, b"decoder2"):
+    end.receive(hello(Role.DECODER, b"2decoder", echo=ENCODER), 1.0)
+    for session in (DECODER, b"2decoder"):
         end.receive(serialise_message(Bye(Role.DECODER, peer_id(session))), 2.0)
-    end.receive(hello(Role.DECODER, b"decoder2", echo=ENCODER), 2.1)
+    end.receive(hello(Role.DECODER, b"2decoder", echo=ENCODER), 2.1)
     assert end.peers == frozenset() and end.heard_s == float("-inf")
 
 

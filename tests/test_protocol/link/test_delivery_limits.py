@@ -1,7 +1,11 @@
 """What the decoder's end of a link holds and names at most."""
 
+from dataclasses import replace
+from typing import Any
+
 import pytest
 from deliveries import DECODER, ENCODER, LAYER, added, hello, pieces
+from packets import MODEL
 
 from protocol.entropy.varint import encode_varint
 from protocol.errors import ProtocolError
@@ -13,13 +17,16 @@ from protocol.link.messages import (
     MAX_NUMBER,
     NO_SESSION,
     PIECE_BYTES,
+    Bye,
     Channel,
     Hello,
+    Holding,
     Piece,
     Report,
     Role,
     Span,
     parse_message,
+    peer_id,
     serialise_message,
 )
 from protocol.packets import ControlKind, ControlPacket, FramePacket, LayerPacket, serialise
@@ -116,3 +123,37 @@ def test_many_decoders_are_asked_less_often() -> None:
     # None of them has reported: two seconds of questions, and of 200 answers a second.
     assert questions(10) == 8
     assert questions(400) == 1
+
+
+def test_decoders_whose_reports_look_alike_both_get_all() -> None:
+    heard = list[bytes]()
+    sender, now_s = DeliverySender(ENCODER, False, heard.append), 0.0
+    first, second = b"decoder1", b"deloader"
+    assert peer_id(first) == peer_id(second)
+    for session in (first, second, second):
+        sender.receive(hello(Role.DECODER, session, echo=ENCODER), now_s)
+    assert heard == [first, second] and sender.peers == {first, second}
+    sender.send(serialise(replace(MODEL, texture=bytes(3 * PIECE_BYTES - 400))))
+
+    def sent(seconds: float) -> list[Piece]:
+        nonlocal now_s
+        now_s += seconds
+        said = map(parse_message, sender.payloads(now_s))
+        return [each for each in said if isinstance(each, Piece)]
+
+    def report(**fields: Any) -> None:
+        sender.receive(serialise_message(Report(peer_id(first), **fields)), now_s)
+
+    report()
+    assert [each.index for each in sent(0.1)] == [0, 1, 2]
+    report(unordered=1)
+    assert not sent(1.0)
+    # The other one has lost a piece, and says so when the first has all.
+    report(holdings=(Holding(Channel.UNORDERED, 0, 0b101),))
+    assert [each.index for each in sent(0.1)] == [1]
+    report(unordered=1)
+    assert not sent(1.0)
+    # Who leaves may be either of them: the other one says again that it is there.
+    sender.receive(serialise_message(Bye(Role.DECODER, peer_id(first))), now_s)
+    sender.receive(hello(Role.DECODER, first, echo=ENCODER), now_s)
+    assert sender.peers == {first}
