@@ -7,6 +7,7 @@ pieces until every decoder that is present has them.  Time is an argument, secon
 from collections import deque
 from collections.abc import Callable, Iterator
 
+from protocol.limits import SEQUENCE_MODULUS
 from protocol.link.delivery.frame_copies import FrameCopies
 from protocol.link.delivery.item_store import ItemStore, Placed
 from protocol.link.delivery.piece_schedule import Peer, PieceSchedule
@@ -133,6 +134,8 @@ class DeliverySender:
                 self._update = first if self._has_model else None
                 self._has_model, self._held_s = True, None
             return
+        # Numbers that the encoder leaves out, while no face is there, are left out here as well.
+        self._frames += (packet[0] - self._frames) % SEQUENCE_MODULUS
         if self._lossless:
             self._items.add(packet, self._frames)
         else:

@@ -160,6 +160,19 @@ def test_a_lossless_call_arrives_whole_and_in_order() -> None:
     assert [arrival.data for arrival in link.got] == [MODEL_BYTES, *map(frame, range(40)), END]
 
 
+@pytest.mark.parametrize("lossless", [False, True])
+def test_numbers_that_an_encoder_leaves_out_are_not_given_to_others(lossless: bool) -> None:
+    """The thesis profile sends no samples while no face is there, and its time goes on."""
+    link = FakeLink(lossless=lossless)
+    link.call(10)
+    link.call(10, first=17)
+    link.end()
+    frames = link.of_kind(PacketKind.FRAME)
+    assert [arrival.number for arrival in frames] == [*range(10), *range(17, 27)]
+    assert all(arrival.data == frame(arrival.number or 0) for arrival in frames)
+    assert link.got[-1].number == 27
+
+
 def test_numbers_go_on_after_a_long_cut() -> None:
     link = FakeLink(cuts=((10, 40),))
     link.call(150)
