@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aam.model import AppearanceModel, MultiResolutionModel, texture_at
-from aam.pca import components_under_metric, principal_components, without_first
+from aam.pca import LinearModel, components_under_metric, principal_components, without_first
 from aam.texture_frame import FRAMES
 from aam.training.cascade import SearchStates, finer_states, first_states, train_stage
 from aam.training.drawn_displacements import regressed_matrix
@@ -41,6 +41,7 @@ class TrainingOptions:
     retained: share of the variance that the modes of shape, texture and both keep (eq. 2.21).
     shape_retained: the same of the shape alone, if it is another.
     discard: number of first combined modes that are left out (2.4.4).
+    discard_texture: the same of the texture, before both are combined (5.3).
     shape_weight: factor on W_s; 1: the ratio of the variances (2.4.2).
     normalisation: see `normalised_luma`.  mirror: train on mirror images as well.
     cascade: train the cascade of matrices too, which takes most of the time.
@@ -53,6 +54,7 @@ class TrainingOptions:
     retained: float = 0.92
     shape_retained: float | None = None
     discard: int = 0
+    discard_texture: int = 0
     shape_weight: float = 1.0
     normalisation: str = "retinex"
     mirror: bool = True
@@ -74,8 +76,8 @@ def train(
 ) -> MultiResolutionModel:
     """A model of the 3D head from annotated faces.
 
-    Raises `ValueError` for fewer than four faces, for those of one person, or where `discard`
-    leaves no mode.
+    Raises `ValueError` for fewer than four faces, for those of one person, or where `discard` or
+    `discard_texture` leaves no mode.
     """
     if len(faces) < FEWEST_FACES or len({face.person for face in faces}) < 2:
         raise ValueError(f"{len(faces)} faces, expected {FEWEST_FACES} of two people at least")
@@ -136,13 +138,12 @@ def combined_model(
     retained = options.retained if options.shape_retained is None else options.shape_retained
     shape = components_under_metric(shapes, retained, metric)
     texture = principal_components(textures.astype(np.float64), options.retained)
+    texture = _without(texture, options.discard_texture, "discard_texture")
     texture = replace(texture, modes=texture.modes.astype(np.float32))
     weight = options.shape_weight * float(np.sqrt(texture.total / max(shape.total, 1e-12)))
     p_s, p_g = shape.coefficients(shapes), texture.coefficients(textures)
     both = principal_components(np.hstack([weight * p_s, p_g]), options.retained, centred=False)
-    if options.discard >= len(both.modes):
-        raise ValueError(f"discard is {options.discard}, expected less than all {len(both.modes)}")
-    both = without_first(both, options.discard)
+    both = _without(both, options.discard, "discard")
     empty = np.zeros((0, 0), np.float32)
     none = np.zeros((0, len(warp.pose_names) + len(both.modes), len(warp.rows)), np.float32)
     model = AppearanceModel(
@@ -152,6 +153,13 @@ def combined_model(
     left = textures - model.texture_of(truth)
     explained = 1 - (left**2).mean(1)
     return replace(model, contrast=(float(explained.mean()), float(explained.std()))), truth
+
+
+def _without(model: LinearModel, count: int, option: str) -> LinearModel:
+    """The model without its first modes.  Raises `ValueError` if none are left."""
+    if count >= len(model.modes):
+        raise ValueError(f"{option} is {count}, expected less than all {len(model.modes)}")
+    return without_first(model, count)
 
 
 def visible_metric(warp: Warp, shape: Array) -> Array:

@@ -76,6 +76,13 @@ def _add_model_options(parser: argparse.ArgumentParser) -> None:
         help="leave out the first N combined modes (default: 0)",
     )
     parser.add_argument(
+        "--discard-texture",
+        type=int,
+        default=0,
+        metavar="N",
+        help="leave out the first N modes of the texture (default: 0)",
+    )
+    parser.add_argument(
         "--normalise",
         default="retinex",
         choices=("retinex", "none"),
@@ -100,13 +107,14 @@ def run_train(arguments: argparse.Namespace) -> int:
     from aam.training.report import write_report
     from aam.training.train import TrainingOptions, train
 
-    if arguments.discard < 0 or arguments.seed < 0:
-        raise UserError("--discard and --seed take 0 or more")
+    if min(arguments.discard, arguments.discard_texture, arguments.seed) < 0:
+        raise UserError("--discard, --discard-texture and --seed take 0 or more")
     options = TrainingOptions(
         size=arguments.size,
         frame=arguments.frame,
         retained=arguments.retained,
         discard=arguments.discard,
+        discard_texture=arguments.discard_texture,
         normalisation=arguments.normalise,
         mirror=not arguments.no_mirror,
         seed=arguments.seed,

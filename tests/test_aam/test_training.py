@@ -69,6 +69,11 @@ def test_discarded_modes_are_the_first_ones() -> None:
     np.testing.assert_allclose(fewer.combined.modes, whole.combined.modes[2:])
     with pytest.raises(ValueError, match="discard is 99"):
         combined_model(prepared, warp, TrainingOptions(discard=99, normalisation="none"))
+    plain = replace(OPTIONS, discard_texture=1)
+    fewer, _ = combined_model(prepared, warp, plain)
+    np.testing.assert_allclose(fewer.texture.modes, whole.texture.modes[1:])
+    with pytest.raises(ValueError, match="discard_texture is 99"):
+        combined_model(prepared, warp, replace(OPTIONS, discard_texture=99))
 
 
 def test_a_mirrored_face_is_where_the_mirror_image_shows_it() -> None:
