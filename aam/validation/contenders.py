@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aam.model import AppearanceModel
-from aam.search.find_face import find_in_window
+from aam.search.find_face import FaceFit, find_in_window
 from aam.search.search import SearchOptions
 from aam.training.faces import TrainingFace, at_resolution, mirrored_face
 from aam.training.train import SIZES, Progress, TrainingOptions, train_levels
@@ -125,7 +125,13 @@ def found_points(
     contender: Contender, sample: Sample, pose: Array, options: SearchOptions
 ) -> Array:
     """(68, 2) the landmarks `PLANAR_LANDMARKS` that a search finds, pixels of the window."""
-    fit = find_in_window(
+    fit = find_from(contender, sample, pose, options)
+    return contender.points(fit.landmarks, PLANAR_LANDMARKS)
+
+
+def find_from(contender: Contender, sample: Sample, pose: Array, options: SearchOptions) -> FaceFit:
+    """A search in a sample's window that starts at a pose (p,)."""
+    return find_in_window(
         contender.levels,
         contender.warps,
         contender.options.normalisation,
@@ -133,7 +139,6 @@ def found_points(
         [pose],
         options,
     )
-    return contender.points(fit.landmarks, PLANAR_LANDMARKS)
 
 
 def errors(sample: Sample, points: Array) -> tuple[float, float]:

@@ -21,7 +21,12 @@ from aam.validation.model_experiments import (
 from aam.validation.plots import prediction_plot
 from aam.validation.prediction_experiments import Matrix, parameter_curves, pose_curves
 from aam.validation.samples import Sample, split_people
-from aam.validation.search_experiments import Generalisation, best_possible, generalisation
+from aam.validation.search_experiments import (
+    Generalisation,
+    best_possible,
+    convergence,
+    generalisation,
+)
 from aam.validation.search_time import search_time
 from aam.validation.units.unit_experiment import unit_part
 
@@ -138,7 +143,12 @@ def search_part(pair: dict[str, Contender], train: Sequence[Sample], test: Seque
     """Generalisation (Table 3.1)."""
     text = f"## Generalisation: {len(test)} pictures of new people\n\n"
     text += "Thesis: exact 49.6 (head) and 89.6 (2D), displaced 66.7 and 145.6.\n\n"
-    return text + _generalisations(pair, test, METHODS)
+    text += _generalisations(pair, test, METHODS)
+    paths = {
+        name: convergence(each, test, SearchOptions("additive"), True, SEED)
+        for name, each in pair.items()
+    }
+    return text + "\n" + tables.convergence_table(paths)
 
 
 def residual_part(

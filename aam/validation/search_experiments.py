@@ -5,10 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aam.sampling import window_px
 from aam.search.search import SearchOptions
-from aam.validation.contenders import Contender, errors, found_points, start_pose
+from aam.validation.contenders import Contender, errors, find_from, found_points, start_pose
 from aam.validation.planar_warp import PLANAR_LANDMARKS
 from aam.validation.samples import Sample
+from aam.window import FaceWindow, shrunk
 from runtime.parallel import parallel_map
 from shared_model.arrays import Array
 
@@ -54,19 +56,61 @@ def generalisation(
 
     displaced: a quarter of the distance between the eyes off, in a random direction.
     """
-    random = np.random.default_rng(seed)
-    angles = random.uniform(0, 2 * np.pi, len(samples))
-    scales = random.uniform(*SCALES, len(samples))
+    starts = _starts(contender, samples, displaced, seed)
 
     def one(number: int) -> tuple[float, float]:
-        way = np.array([np.cos(angles[number]), np.sin(angles[number])])
-        shift = way * (DISPLACEMENT if displaced else 0.0)
         sample = samples[number]
-        pose = start_pose(contender, sample, shift, float(scales[number]))
-        return errors(sample, found_points(contender, sample, pose, options))
+        return errors(sample, found_points(contender, sample, starts[number], options))
 
     found = np.array(parallel_map(one, range(len(samples)), None))
     return Generalisation(found[:, 0], found[:, 1])
+
+
+def convergence(
+    contender: Contender,
+    samples: Sequence[Sample],
+    options: SearchOptions,
+    displaced: bool,
+    seed: int,
+) -> list[Array]:
+    """For each level (iterations + 1,) the mean distance of 68 landmarks in terms of the distance
+    between the outer corners of the eyes, at its start and after each iteration (Fig. 3.1 to 3.3).
+
+    A search that has ended stays where its last step has led.  Starts: see `generalisation`.
+    """
+    starts = _starts(contender, samples, displaced, seed)
+
+    def one(number: int) -> list[list[float]]:
+        sample = samples[number]
+        window = FaceWindow(sample.face.window.picture, np.zeros(2), 1.0)
+        fit = find_from(contender, sample, starts[number], options)
+        found = []
+        pairs = zip(fit.results, contender.levels, contender.warps, strict=True)
+        for result, level, warp in pairs:
+            view, path = shrunk(window, window_px(warp.size)), []
+            for pose, c in result.path[: options.iterations + 1]:
+                at = view.pose_to_source(pose)
+                points = warp.landmarks(level.shape_of(c), at)
+                path.append(errors(sample, contender.points(points, PLANAR_LANDMARKS))[1])
+            found.append(path + [path[-1]] * (options.iterations + 1 - len(path)))
+        return found
+
+    paths = np.array(parallel_map(one, range(len(samples)), None))
+    return list(paths.mean(0))
+
+
+def _starts(
+    contender: Contender, samples: Sequence[Sample], displaced: bool, seed: int
+) -> list[Array]:
+    """The pose (p,) at which the search of each picture starts."""
+    random = np.random.default_rng(seed)
+    angles = random.uniform(0, 2 * np.pi, len(samples))
+    scales = random.uniform(*SCALES, len(samples))
+    ways = np.stack([np.cos(angles), np.sin(angles)], 1) * (DISPLACEMENT if displaced else 0.0)
+    return [
+        start_pose(contender, sample, way, float(scale))
+        for sample, way, scale in zip(samples, ways, scales, strict=True)
+    ]
 
 
 def best_possible(contender: Contender, samples: Sequence[Sample]) -> Generalisation:

@@ -7,6 +7,7 @@ import numpy as np
 from aam.validation.prediction_experiments import PredictionCurve
 from aam.validation.search_experiments import Generalisation
 from aam.validation.units.outcomes import OUTCOMES, Recognition
+from shared_model.arrays import Array
 
 # Table 2.5: percent and degrees.
 THESIS_POSE = {
@@ -85,6 +86,17 @@ def search_table(results: Mapping[tuple[str, str, str], Generalisation]) -> str:
     ]
     head = ["AAM", "search", "start", "error, px^2", "mean distance, %", "below 5 %, %"]
     return table(head, rows)
+
+
+def convergence_table(paths: Mapping[str, Sequence[Array]]) -> str:
+    """Mean distance by iteration (Fig. 3.1 to 3.3), by contender and then by level."""
+    rows = [
+        [contender, number, *(f"{100 * value:.2f}" for value in level)]
+        for contender, levels in paths.items()
+        for number, level in enumerate(levels)
+    ]
+    text = "Mean distance by iteration, additive search from displaced starts, %:\n\n"
+    return text + table(["AAM", "level", *map(str, range(len(rows[0]) - 2))], rows)
 
 
 def unit_table(found: Recognition, thesis: Mapping[str, tuple[int, ...]]) -> str:

@@ -39,7 +39,12 @@ from aam.validation.planar_warp import (
 from aam.validation.prediction_experiments import PredictionCurve
 from aam.validation.residual_shape import mirrored_controls
 from aam.validation.samples import Sample, split_people
-from aam.validation.search_experiments import Generalisation, best_possible, generalisation
+from aam.validation.search_experiments import (
+    Generalisation,
+    best_possible,
+    convergence,
+    generalisation,
+)
 from aam.validation.units.action_units import (
     ShownFaces,
     own_neutrals,
@@ -158,8 +163,12 @@ def test_additive_search_finds_new_faces_and_tables_tell(pair: dict[str, Contend
         found = generalisation(contender, TEST, options, False, 1)
         still = generalisation(contender, TEST, replace(options, iterations=0), False, 1)
         assert found.nme.mean() < still.nme.mean()
+        first, *_, last = convergence(contender, TEST, options, False, 1)
+        assert len(last) == options.iterations + 1
+        assert first[0] == pytest.approx(still.nme.mean(), rel=0.05)
+        assert last[-1] == pytest.approx(found.nme.mean(), rel=0.05)
     text = search_part(pair, TRAIN, TEST)
-    assert text.count("| head |") == text.count("| 2D |") == 2 * len(METHODS)
+    assert text.count("| head |") == text.count("| 2D |") == 2 * len(METHODS) + 2
     assert "displaced start, project-out" in text
 
 
