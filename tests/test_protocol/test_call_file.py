@@ -61,6 +61,7 @@ def test_records_round_trip(packets: list[bytes]) -> None:
 def test_files_carry_a_call_as_any_link_does(tmp_path: Path) -> None:
     sink: PacketSink = CallWriter(tmp_path / "call.rzo")
     with sink:
+        sink.wait_for_peer(timeout_s=0)
         sink.send(serialise(MODEL))
         assert sink.reachability is Reachability.HAS_PEER and not sink.quality.loss
     source: PacketSource = CallReader(tmp_path / "call.rzo")

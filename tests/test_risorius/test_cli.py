@@ -159,15 +159,18 @@ def test_a_full_disk_is_one_line(call: Path) -> None:
 @pytest.mark.parametrize(
     ("library", "extra", "command"),
     [
-        ("ai_edge_litert", "encoder", ["encode", "none.mp4", "-o", "none.rzo"]),
+        ("ai_edge_litert", "encoder", ["encode", "CLIP", "-o", "FOLDER/none.rzo", "-q"]),
         ("aiohttp", "call", ["call", "--listen", "127.0.0.1:0", "--voice", "off"]),
         ("moderngl", "decoder", ["decode", "CALL"]),
         ("threadpoolctl", "encoder", ["encode", "none.mp4", "-o", "none.rzo"]),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_a_missing_extra_is_named(library: str, extra: str, command: list[str], call: Path) -> None:
-    arguments = [str(call) if word == "CALL" else word for word in command]
+def test_a_missing_extra_is_named(
+    library: str, extra: str, command: list[str], call: Path, carphone: Path, tmp_path: Path
+) -> None:
+    files = {"CALL": str(call), "CLIP": str(carphone)}
+    arguments = [files.get(word, word.replace("FOLDER", str(tmp_path))) for word in command]
     code = (
         f"import sys; sys.modules['{library}'] = None; from risorius.cli import main;"
         f"sys.exit(main({arguments!r}))"
