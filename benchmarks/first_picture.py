@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.command import PROGRAM, run
+from benchmarks.measured_process import holds_within
 from loopback.bad_wire import BadWire, Faults
 from loopback.browser import Browser, find_browser
 from loopback.network_namespace import obstacle
@@ -90,9 +91,9 @@ def _measured(options: argparse.Namespace) -> list[dict[str, float]]:
         logs = [folder / each for each in ("relay", "caller", "page")]
         with open(logs[0], "wb") as to_relay, open(logs[1], "wb") as to_caller:
             wire.hosts[0].run(relay, to_relay)
-            _wait(lambda: b"watch" in logs[0].read_bytes(), BEGIN_S)
+            _await(lambda: b"watch" in logs[0].read_bytes(), BEGIN_S)
             wire.hosts[1].run(caller, to_caller)
-            _wait(lambda: b"warmed up" in logs[1].read_bytes(), READY_S)
+            _await(lambda: b"warmed up" in logs[1].read_bytes(), READY_S)
         page = [sys.executable, "-m", "benchmarks", "first_picture", "--page", name]
         with open(logs[2], "wb") as output:
             browser = wire.hosts[0].run([*page, "--after", str(options.after)], output)
@@ -105,12 +106,9 @@ def _measured(options: argparse.Namespace) -> list[dict[str, float]]:
         return times
 
 
-def _wait(is_there: Callable[[], bool], limit_s: float) -> None:
-    end_s = time.monotonic() + limit_s
-    while not is_there():
-        if time.monotonic() > end_s:
-            raise UserError(f"relay or caller did not begin within {limit_s:g} s")
-        time.sleep(0.02)
+def _await(condition: Callable[[], bool], limit_s: float) -> None:
+    if not holds_within(condition, limit_s):
+        raise UserError(f"relay or caller did not begin within {limit_s:g} s")
 
 
 def _page_times(folder: Path, after_s: float) -> list[Any]:

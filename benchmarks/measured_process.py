@@ -3,7 +3,8 @@
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from benchmarks.command import PROGRAM
 from shared_model.errors import UserError
 
 Process = subprocess.Popen[str]
+POLL_S = 0.05
 
 
 def start_module(stack: ExitStack, module: str, *arguments: object) -> Process:
@@ -45,6 +47,16 @@ def next_line(process: Process, expected: str | None = None) -> str:
     if not line or (expected is not None and line != expected):
         raise UserError(f"a process of the measurement ended early: {line!r}")
     return line
+
+
+def holds_within(condition: Callable[[], bool], limit_s: float) -> bool:
+    """Wait until a condition holds; whether it does after so many seconds at the latest."""
+    end_s = time.monotonic() + limit_s
+    while not condition():
+        if time.monotonic() >= end_s:
+            return False
+        time.sleep(POLL_S)
+    return True
 
 
 def cpu_s(pid: int) -> float:

@@ -93,6 +93,8 @@ class CallPictures:
     source: of the packets, waits no longer than it is asked to; None: what the options name.
     with_face_areas: say of each picture where its face is.
     observer: takes the faces as well; None: nobody does.
+    draws_all: pictures are drawn whether or not the observer wants them.
+    pass_by: called with each frame that is not drawn, since the observer does not want pictures.
     wants: whether to draw the picture of a source frame; who cannot draw all leaves some out.
     While a graphics card draws one picture, the next is prepared.  Attributes `stats`, `timer` and
     `receiver` hold what the report needs; `arrival_s`: `time.monotonic` when the packet came whose
@@ -109,13 +111,15 @@ class CallPictures:
         wants: Callable[[int], bool] = lambda index: True,
         with_face_areas: bool = False,
         observer: FaceObserver | None = None,
+        draws_all: bool = False,
+        pass_by: Callable[[PlayoutFrame], None] = lambda frame: None,
     ) -> None:
         self.stats, self.timer = DecodeStats(), StageTimer()
         self.receiver = Receiver(on_damage=self._note_damage)
         self._drawn_ns = 0  # time of all stages until the newest picture was complete
         self._options, self._stop, self._stack = options, stop, ExitStack()
         self._wants, self._with_face_areas = wants, with_face_areas
-        self._observer = observer
+        self._observer, self._draws_all, self._pass_by = observer, draws_all, pass_by
         self._face_area: Single | None = None  # of the newest frame that is complete, if needed
         self._target = read_model(options.face) if options.face else None
         self._source = self._stack.enter_context(source or open_packet_source(options, on_message))
@@ -169,7 +173,10 @@ class CallPictures:
             self.arrival_s = received.arrival_s
             if self._observer is not None:
                 self._observer.see_frame(frame, received.arrival_s)
-            if not self._wants(frame.index) or not self._draws:
+            if not self._wants(frame.index):
+                continue
+            if not self._draws:
+                self._pass_by(frame)
                 continue
             self._sender = frame.model
             if self._scene is None or self._scene.model is not target:
@@ -220,7 +227,7 @@ class CallPictures:
     @property
     def _draws(self) -> bool:
         """Whether pictures are drawn."""
-        return self._observer is None or self._observer.wants_pictures
+        return self._draws_all or self._observer is None or self._observer.wants_pictures
 
     def _note_damage(self, error: ProtocolError) -> None:
         self.stats.note_damage(error, self.receiver)

@@ -18,7 +18,6 @@ from decoder.sinks.video_file import TIMED
 from decoder.sound.sound_track import SoundTrack, open_sound_track
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import MessageCallback, ignore_message
-from protocol.model_packet import ModelPacket
 from shared_model.arrays import Samples
 from shared_model.stage_timer import frame_times
 
@@ -102,22 +101,22 @@ def decode(
         check_sink(options.output)
     total = count_frames(options.call_file) if isinstance(options.call_file, Path) else None
     with ExitStack() as stack:
-        faces = _Faces(observer, options.output is not None) if observer is not None else None
-        pictures = CallPictures(options, stop, on_message, observer=faces)
-        stack.enter_context(pictures).stats.keeps_times = True
-        output = _Output(options.output, play, pictures, stack)
 
         def note(frame: DrawnFrame | PlayoutFrame) -> None:
             if not (frame.frozen and frame.lost):
                 progress(pictures.stats.pictures, total)
 
-        def follow(frame: PlayoutFrame) -> None:
+        def pass_by(frame: PlayoutFrame) -> None:
             pictures.stats.note_shown(frame)
             output.pass_by(frame.index)
             note(frame)
 
-        if faces is not None:
-            faces.follow = follow
+        is_written = options.output is not None
+        pictures = CallPictures(
+            options, stop, on_message, observer=observer, draws_all=is_written, pass_by=pass_by
+        )
+        stack.enter_context(pictures).stats.keeps_times = True
+        output = _Output(options.output, play, pictures, stack)
         for frame in pictures:
             output.add(frame)
             if show is not None:
@@ -130,32 +129,6 @@ def decode(
             warning = f"{excess} bytes after the end of the call are left out"
             pictures.stats.warnings.append(warning)
     return _report(pictures)
-
-
-class _Faces:
-    """A `FaceObserver` between a call and another one.
-
-    is_written: pictures are drawn anyhow.  follow: called with each frame that is not drawn here.
-    """
-
-    def __init__(self, observer: FaceObserver, is_written: bool) -> None:
-        self._observer, self._is_written = observer, is_written
-        self.follow: Callable[[PlayoutFrame], None] = lambda frame: None
-
-    @property
-    def wants_pictures(self) -> bool:
-        """See `FaceObserver`."""
-        return self._is_written or self._observer.wants_pictures
-
-    def see_model(self, model: ModelPacket) -> None:
-        """See `FaceObserver`."""
-        self._observer.see_model(model)
-
-    def see_frame(self, frame: PlayoutFrame, arrival_s: float) -> None:
-        """See `FaceObserver`."""
-        self._observer.see_frame(frame, arrival_s)
-        if not self.wants_pictures:
-            self.follow(frame)
 
 
 def _open_sink(

@@ -23,13 +23,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from benchmarks.command import PROGRAM, run
 from benchmarks.loss_table import FacePsnr
+from benchmarks.measured_process import holds_within
 from benchmarks.reliability.clips import long_enough
 from benchmarks.reliability.figures import (
     arrivals_of,
@@ -190,7 +191,9 @@ def make_call(row: Row, call: Path, logs: Path, seed: int) -> dict[str, Any]:
         hosts = _Hosts(row, call, logs, wire)
         for host in ((RELAY,) if row.relay else ()) + (DECODER, ENCODER):
             hosts.start(host)
-        wait_for(lambda: any(line["what"] == "met" for line in read_log(logs / "1-1.log")))
+        holds_within(
+            lambda: any(line["what"] == "met" for line in read_log(logs / "1-1.log")), LIMIT_S
+        )
         wire.restart_clock()
         for each in wire.hosts:
             each.traffic.bytes_by_second.clear()
@@ -207,13 +210,6 @@ def make_call(row: Row, call: Path, logs: Path, seed: int) -> dict[str, Any]:
                 dict(wire.hosts[host].traffic.bytes_by_second) for host in (DECODER, ENCODER)
             ],
         }
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    """Wait until a condition holds, or for `LIMIT_S`."""
-    end_s = time.monotonic() + LIMIT_S
-    while not condition() and time.monotonic() < end_s:
-        time.sleep(POLL_S)
 
 
 def measure(

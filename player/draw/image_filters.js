@@ -1,4 +1,5 @@
 // Filters of planes (height, width, channels), row by row, as OpenCV's of the same names.
+import { linearPlaces } from "../format/pictures/linear_places.js";
 
 /**
  * Values (height, width, channels).
@@ -154,8 +155,8 @@ function alongColumns({ height, width, channels, values }, kernel) {
  */
 export function resized(raster, height, width) {
   if (raster.height === height && raster.width === width) return raster;
-  const rows = middles(height, raster.height);
-  const columns = middles(width, raster.width);
+  const rows = linearPlaces(height, raster.height);
+  const columns = linearPlaces(width, raster.width);
   const { channels, values } = raster;
   const across = emptyRaster(raster.height, width, channels);
   for (let i = 0, to = 0; i < raster.height; i++) {
@@ -179,24 +180,6 @@ export function resized(raster, height, width) {
     }
   }
   return result;
-}
-
-/**
- * For each of `count` middles the two of `known` around it, and how far it is between them.
- * @param {number} count
- * @param {number} known
- */
-function middles(count, known) {
-  const low = new Int32Array(count);
-  const high = new Int32Array(count);
-  const part = new Float64Array(count);
-  for (let i = 0; i < count; i++) {
-    const at = Math.min(Math.max(((i + 0.5) * known) / count - 0.5, 0), known - 1);
-    low[i] = Math.floor(at);
-    high[i] = Math.min(low[i] + 1, known - 1);
-    part[i] = at - low[i];
-  }
-  return { low, high, part };
 }
 
 /**

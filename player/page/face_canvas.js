@@ -66,8 +66,8 @@ export class FaceCanvas {
     }
     this.waiting.push(coded);
     this.worker.postMessage(codedPictures(coded));
-    // Of the first model while the worker decodes its pictures, else when it is drawn.
-    if (!this.scene) this.#geometryOf(coded.model);
+    // Of the first model while the worker decodes its pictures, of others when they are drawn.
+    if (!this.scene && this.pictures.size === 1) this.#geometryOf(coded.model);
   }
 
   /** @param {CodedModel["model"]} model */

@@ -62,9 +62,10 @@ class CallView:
             self._page.wait_for_page(stop)
 
     def show(self, frame: DrawnFrame, sender: CallParameters) -> None:
-        """Show one picture, at its time if the call is paced."""
+        """Show one picture, at its time if the call is paced, if somebody needs it."""
         time_s = self._wait_for(frame.index, sender)
-        self._page.show(frame.index, time_s, frame.picture, frame.frozen, frame.lost)
+        if self.wants_pictures:
+            self._page.show(frame.index, time_s, frame.picture, frame.frozen, frame.lost)
 
     @property
     def wants_pictures(self) -> bool:

@@ -4,6 +4,7 @@ import { RangeDecoder } from "../entropy/range_decoder.js";
 import { check } from "../errors.js";
 import { decodeBand } from "./band_decoder.js";
 import { bandOf, emptyPyramid, parentsOf } from "./bands.js";
+import { linearPlaces } from "./linear_places.js";
 import { planeOf } from "./wavelet.js";
 import { decodeWeightMap } from "./weight_map.js";
 
@@ -197,8 +198,8 @@ class Enlargement {
    */
   constructor(plane, height, width) {
     this.plane = plane;
-    this.rows = placesAmong(plane.height, height);
-    this.columns = placesAmong(plane.width, width);
+    this.rows = linearPlaces(height, plane.height, 2 * plane.height);
+    this.columns = linearPlaces(width, plane.width, 2 * plane.width);
     this.line = new Float64Array(plane.width);
     this.enlarged = new Float64Array(width);
   }
@@ -221,24 +222,6 @@ class Enlargement {
     }
     return enlarged;
   }
-}
-
-/**
- * For each of `size` samples the two of half as many around it, and how far it is between them.
- * @param {number} count of those
- * @param {number} size
- */
-function placesAmong(count, size) {
-  const low = new Int32Array(size);
-  const high = new Int32Array(size);
-  const part = new Float64Array(size);
-  for (let i = 0; i < size; i++) {
-    const at = Math.min(Math.max((i + 0.5) / 2 - 0.5, 0), count - 1);
-    low[i] = Math.min(Math.floor(at), Math.max(count - 2, 0));
-    high[i] = Math.min(low[i] + 1, count - 1);
-    part[i] = at - low[i];
-  }
-  return { low, high, part };
 }
 
 /**

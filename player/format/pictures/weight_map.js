@@ -1,5 +1,6 @@
 import { AdaptiveIntegers } from "../entropy/adaptive_models.js";
 import { RangeDecoder } from "../entropy/range_decoder.js";
+import { linearPlaces } from "./linear_places.js";
 
 const SIDE = 12;
 
@@ -12,16 +13,16 @@ const SIDE = 12;
 export function decodeWeightMap(data, height, width) {
   if (!data.length) return null;
   const cells = decodeCells(data);
-  const rows = cellsAmong(height);
-  const columns = cellsAmong(width);
+  const rows = linearPlaces(height, SIDE);
+  const columns = linearPlaces(width, SIDE);
   const weights = new Float64Array(height * width);
   for (let i = 0, to = 0; i < height; i++) {
-    const top = rows.before[i] * SIDE;
-    const bottom = Math.min(rows.before[i] + 1, SIDE - 1) * SIDE;
+    const top = rows.low[i] * SIDE;
+    const bottom = rows.high[i] * SIDE;
     const down = rows.part[i];
     for (let j = 0; j < width; j++, to++) {
-      const left = columns.before[j];
-      const right = Math.min(left + 1, SIDE - 1);
+      const left = columns.low[j];
+      const right = columns.high[j];
       const across = columns.part[j];
       const upper = (1 - across) * cells[top + left] + across * cells[top + right];
       const lower = (1 - across) * cells[bottom + left] + across * cells[bottom + right];
@@ -46,19 +47,4 @@ function decodeCells(data) {
   }
   decoder.end("weight map");
   return Float64Array.from(codes, (code) => 2 ** Math.min(Math.max(code / 2, -1), 1.5));
-}
-
-/**
- * The cell before the middle of each of so many pixels, and how far that is on the way to the next.
- * @param {number} count
- */
-function cellsAmong(count) {
-  const before = new Int32Array(count);
-  const part = new Float64Array(count);
-  for (let i = 0; i < count; i++) {
-    const at = Math.min(Math.max(((i + 0.5) * SIDE) / count - 0.5, 0), SIDE - 1);
-    before[i] = Math.floor(at);
-    part[i] = at - before[i];
-  }
-  return { before, part };
 }
