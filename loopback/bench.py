@@ -39,6 +39,7 @@ TABLE_COLUMNS = {
     "nme_percent": "nme %",
     "mouth_corr": "mouth",
     "blink_corr": "blink",
+    "emotion_agreement": "emotion",
     "latency_ms.p50": "lat p50 ms",
     "latency_ms.p99": "p99",
     "encoder_fps": "enc fps",
@@ -53,7 +54,7 @@ CALL_FIGURES = (
 )
 # Of report.json: raised where a figure changes its name or meaning.
 SCHEMA = "risorius-bench/1"
-JUDGE = ("judge", "judge_is_independent", "identity", "vmaf", "lpips", "dists")
+JUDGE = ("judge", "judge_is_independent", "identity", "emotion_agreement", "vmaf", "lpips", "dists")
 STAGES = (
     *("encoder_ms.", "decoder_ms.", "encoder_cpu_ms.", "decoder_cpu_ms."),
     *("encoder_frame_ms.", "decoder_frame_ms.", "overload_levels."),
@@ -63,7 +64,7 @@ AVERAGED_FIGURES = (
     *("model_bytes", "frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db"),
     *("person_psnr_db", "background_psnr_db", "face_ssimulacra2", "picture_ssimulacra2"),
     *("flicker_ratio", "nme_percent", "face_found", "mouth_corr", "brow_corr", "blink_corr"),
-    *("jitter_ratio", "overloaded_frames", "identity"),
+    *("jitter_ratio", "overloaded_frames", "identity", "emotion_agreement"),
 )
 
 

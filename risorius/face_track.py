@@ -13,6 +13,7 @@ from encoder.thesis.trackers import TrackingOptions, open_tracker
 from risorius.statistical_model import landmark_source
 from risorius.track_files import FORMATS
 from runtime.parallel import prefetch
+from shared_model.anatomy.expressions import signature
 from shared_model.arrays import Array, Picture
 from shared_model.errors import NO_FACE, UserError
 from shared_model.geometry import euler_deg
@@ -55,12 +56,17 @@ class FaceTrack:
         return action_unit_intensities(self.eau)
 
     @property
+    def emotions(self) -> dict[str, Array]:
+        """(t,) similarity to each of the six emotions, 0..1: see `signature`."""
+        return signature(self.eau)
+
+    @property
     def columns(self) -> dict[str, Array]:
-        """(t,) each: time, pose, EAUs, action units, confidence, by name."""
+        """(t,) each: time, pose, EAUs, action units, emotions, confidence, by name."""
         names = (*POSE_COLUMNS, *EAU_COLUMNS)
         parameters = dict(zip(names, self.parameters.T, strict=True))
-        units = self.action_units
-        return {"time_s": self.time_s, **parameters, **units, "confidence": self.confidence}
+        more = {**self.action_units, **self.emotions}
+        return {"time_s": self.time_s, **parameters, **more, "confidence": self.confidence}
 
     def write(self, target: str | Path, kind: str | None = None) -> None:
         """Write it whole into a file, see `risorius.track_files`.
@@ -74,7 +80,7 @@ class FaceTrack:
             file.write(FORMATS[kind](self.columns).encode())
 
     def write_csv(self, target: str | Path | TextIO) -> None:
-        """Write a line for each frame: time, pose, EAUs, action units, confidence.
+        """Write a line for each frame: time, pose, EAUs, action units, emotions, confidence.
 
         target: name of a file, or an open one.  Cells of a frame without a face are empty.
         Raises `UserError` if it cannot be written.

@@ -36,13 +36,21 @@ def fit_sequence(
     """
     chosen = pick_diverse_frames(np.array(landmarks))
     fitted = fit_identity(head, size, [landmarks[i] for i in chosen], None, initial, workers)
+    return fitted, fit_faces(head, fitted, landmarks)
+
+
+def fit_faces(head: Head, fitted: IdentityFit, landmarks: Sequence[Array]) -> list[FaceParameters]:
+    """Pose and actuators of every frame of a known identity.
+
+    landmarks: (468, 3) of each frame, pixels.
+    """
     model = personalise(landmark_model(head), fitted.identity.aau, fitted.control_mm)
     face = initial_parameters(model, fitted.camera, landmarks[0])
     faces = []
     for points_px in landmarks:
         face = fit_landmarks(model, fitted.camera, points_px, face)
         faces.append(face)
-    return fitted, faces
+    return faces
 
 
 def smooth_landmarks(points: Array) -> Array:

@@ -16,6 +16,7 @@ from loopback.judge.identity import face_crop, find_recogniser, mean_likeness
 from loopback.judge.learned import learned_distance
 from loopback.judge.observer import MediaPipeJudge, Observer
 from loopback.judge.voice import VoiceQuality, compare_voices
+from loopback.quality.emotion_agreement import emotion_agreement
 from loopback.quality.landmark_metrics import LandmarkMetrics, landmark_metrics
 from loopback.quality.region_quality import FRAME_INTERVAL, region_meter
 from loopback.quality.video_quality import (
@@ -68,6 +69,7 @@ class Comparison:
     judge: who has found face and person.  is_independent: the encoder does not use it.
     identity: mean cosine of the features of a face recognition network, of the same moments; other
         people's are below .5, the same person's at another time .8 to .95.
+    emotion_agreement: share of the frames that show the source's emotion, see `emotion_agreement`.
     vmaf: of the whole picture, mean, 0 to 100, where an `ffmpeg` has it.
     lpips, dists: of the whole picture, every tenth frame, where the user has named a network.
     """
@@ -78,6 +80,7 @@ class Comparison:
     faces: LandmarkMetrics
     voice: VoiceQuality
     identity: float | None = None
+    emotion_agreement: float | None = None
     vmaf: float | None = None
     lpips: float | None = None
     dists: float | None = None
@@ -85,7 +88,7 @@ class Comparison:
     def figures(self) -> dict[str, Any]:
         """All figures by name, and the judge."""
         judge = {"judge": self.judge, "judge_is_independent": self.is_independent}
-        names = "identity", "vmaf", "lpips", "dists"
+        names = "identity", "emotion_agreement", "vmaf", "lpips", "dists"
         more = {name: getattr(self, name) for name in names}
         faces, voice = asdict(self.faces), asdict(self.voice)
         return {**self.quality.figures(), **faces, **more, **voice, **judge}
@@ -137,13 +140,14 @@ def compare(
         regions=region_meter(view.people, warn, view.interval),
         with_ssim=with_faces,
     )
-    faces, identity = LandmarkMetrics(), None
+    faces, identity, emotions = LandmarkMetrics(), None, None
     if with_faces:
         found = observer.landmarks(_pictures(decoded, view.max_frames))
         if np.isfinite(view.landmarks).any():
             size = (round(view.size[0] * view.aspect), view.size[1])
             faces = landmark_metrics(view.landmarks[: len(found)], found, size)
             identity = _identity(view, decoded, found, observer)
+            emotions = emotion_agreement(view.landmarks[: len(found)], found, size)
     voice = compare_voices(view.source, decoded, observer) if with_voice else VoiceQuality()
     judge = observer.name, observer.is_independent
     similar = _vmaf(view, decoded) if with_vmaf else None
@@ -151,7 +155,7 @@ def compare(
         name: rounded(learned_distance(name, path, observer, _pairs(view, decoded), view.size), 4)
         for name, path in networks.items()
     }
-    likeness = rounded(identity, 3), rounded(similar)
+    likeness = rounded(identity, 3), emotions, rounded(similar)
     learned = distances.get("lpips"), distances.get("dists")
     return Comparison(*judge, quality, faces, voice, *likeness, *learned)
 

@@ -35,6 +35,7 @@ FIGURES = {
     "mouth_mae_percent": "  its mean difference, % of the eyes' distance",
     "brow_corr": "correlation of the brows' height",
     "blink_corr": "correlation of the eyes' opening",
+    "emotion_agreement": "share of the frames that show the same emotion",
     "yaw_mae_deg": "yaw apart, degrees",
     "pitch_mae_deg": "pitch apart, degrees",
     "roll_mae_deg": "roll apart, degrees",

@@ -24,8 +24,9 @@ def add_track(added: "Commands") -> None:
         "track",
         "write down how a face moves, frame by frame",
         "CSV with a line for each frame: time, pose (degrees, mm), actuators (EAUs), intensities\n"
-        "of FACS action units from 0 to 1, confidence from 0 to 1.  A frame without a face has\n"
-        "empty cells.  docs/tracker.md says how it is followed, docs/model.md what columns mean.\n"
+        "of FACS action units, similarity to six emotions and confidence, each from 0 to 1.  A\n"
+        "frame without a face has empty cells.  docs/tracker.md says how it is followed,\n"
+        "docs/model.md what columns mean.\n"
         "A file NAME.json gets the same as JSON; --format openface has the columns of OpenFace.",
         "  risorius track me.mp4 -o me.csv\n  risorius track me.mp4 -o me.json\n"
         "  risorius track me.mp4 --format openface -o me.csv\n  risorius track 0 | head\n",

@@ -213,12 +213,25 @@ EMOTIONS = (
 )
 
 
-def signature(eau: Array) -> dict[str, float]:
-    """Similarity of actuators (len(EAUS),) to each emotion: name -> cosine with its peak."""
-    length = float(np.linalg.norm(eau))
-    if length == 0:
-        return {emotion.name: 0.0 for emotion in EMOTIONS}
-    return {
-        emotion.name: float(eau @ emotion.peak() / (length * np.linalg.norm(emotion.peak())))
-        for emotion in EMOTIONS
-    }
+# The actuators that sign an emotion; eyelids and gaze, and the lips' own muscles, sign none.
+SIGNING = tuple(
+    EAU_INDEX[name] for name in dict.fromkeys(n for emotion in EMOTIONS for n in emotion.ranges)
+)
+# Actuators of a shorter vector (their Euclidean norm) are a face at rest: noise of a tracker.
+REST_LENGTH = 0.25
+
+
+def signature(eau: Array) -> dict[str, Array]:
+    """Similarity of actuators (..., len(EAUS)) to each emotion (Table 2.3): name -> (...,).
+
+    The cosine with its peak, of the actuators that sign an emotion: 1 is its direction at any
+    strength.  0 where it is negative, and of a face at rest.
+    """
+    signing = eau[..., SIGNING]
+    length = np.linalg.norm(signing, axis=-1)
+    found = {}
+    for emotion in EMOTIONS:
+        peak = emotion.peak()[list(SIGNING)]
+        cosine = signing @ peak / (np.maximum(length, REST_LENGTH) * np.linalg.norm(peak))
+        found[emotion.name] = np.where(length < REST_LENGTH, 0.0, np.maximum(cosine, 0.0))
+    return found

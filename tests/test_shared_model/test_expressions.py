@@ -69,7 +69,16 @@ def test_an_emotion_at_its_peak_is_recognised_by_its_signature(emotion: Emotion)
 
 
 def test_a_face_at_rest_signs_no_emotion() -> None:
-    assert set(signature(np.zeros(len(EAUS))).values()) == {0.0}
+    noise = np.random.default_rng(5).normal(0, 0.05, (50, len(EAUS)))
+    for eau in (np.zeros(len(EAUS)), noise):
+        assert not any(np.any(each) for each in signature(eau).values())
+
+
+@pytest.mark.parametrize("emotion", EMOTIONS, ids=lambda e: e.name)
+def test_a_signature_is_of_the_kind_and_not_of_the_strength_or_a_blink(emotion: Emotion) -> None:
+    eau = np.stack([0.5 * emotion.peak(), emotion.peak()])
+    eau[1, [EAU_INDEX["lid_left"], EAU_INDEX["lid_right"]]] = 1.0
+    assert signature(eau)[emotion.name] == pytest.approx([1, 1])
 
 
 def test_the_thesis_actuators_come_with_every_emotion() -> None:
