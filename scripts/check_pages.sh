@@ -6,7 +6,7 @@ bin=node_modules/.bin
 "$bin/biome" check --error-on-warnings .
 for scripts in \
     "risorius/page/element.js risorius/call_page/player.js risorius/call_page/voice.js risorius/call_page/tape.js risorius/call_page/devices.js risorius/call_page/call.js" \
-    "risorius/page/element.js risorius/view/view.js" \
+    "risorius/page/element.js risorius/view/blink.js risorius/view/muscle_rows.js risorius/view/view.js" \
     "risorius/page/element.js risorius/view/annotation.js"; do
     # shellcheck disable=SC2086  # one word for each script
     "$bin/tsc" --noEmit --allowJs --checkJs --strict --noImplicitAny false --target es2022 \

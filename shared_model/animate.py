@@ -47,6 +47,12 @@ class Face:
         other.neutral = self.neutral + np.tensordot(aau, self.head.aau, 1)
         return other
 
+    def with_displacement(self, displacement_mm: Array) -> "Face":
+        """This face with its vertices displaced by (n, 3) mm."""
+        other = copy(self)
+        other.neutral = self.neutral + displacement_mm
+        return other
+
     def at_vertices(self, index: NDArray[np.integer]) -> "Face":
         """This face with the vertices `index` (k,) alone."""
         other = copy(self)

@@ -90,9 +90,14 @@ class Scene:
         layers, grid_px = self._parts.layers, self._parts.mesh.grid_px
         self._renderer.set_background(layers.moving, grid_px, layers.static)
 
-    def set_aau_offset(self, aau: Array) -> None:
-        """Draw the caller with `aau` (len(AAUS),) added to their own AAUs from now on."""
+    def set_aau_offset(self, aau: Array, displacement_mm: Array | None = None) -> None:
+        """Draw the caller with `aau` (len(AAUS),) added to their own AAUs from now on.
+
+        displacement_mm: (n, 3) of the vertices besides, or None.
+        """
         self._face = self._own_face.with_aau_offset(aau)
+        if displacement_mm is not None:
+            self._face = self._face.with_displacement(displacement_mm)
 
     def draw(self, face: FaceParameters, timer: StageTimer) -> Picture:
         """The picture of one frame, (height, width, 3) uint8 BGR."""

@@ -28,6 +28,7 @@ from risorius.animation.animation_script import (
 )
 from risorius.animation.ground_truth import FrameGeometry, frame_truth, script_truth, write_truth
 from risorius.animation.synthetic_skin import painted_colours
+from shared_model.anatomy.muscle_fields import MuscleFields
 from shared_model.animate import Face, Identity
 from shared_model.arrays import Array, Picture, Single
 from shared_model.errors import UserError, cannot_read
@@ -134,11 +135,27 @@ def unused_settings(script: Script) -> tuple[str, ...]:
     return tuple(name for name in SETTINGS_OF_HEAD if getattr(script, name) != SETTINGS[name][0])
 
 
+class _Muscles:
+    """The muscles of a head; their fields are computed where the first one contracts."""
+
+    def __init__(self, head: Head) -> None:
+        self._head = head
+        self._fields: MuscleFields | None = None
+
+    def displacement(self, state: AnimationState) -> Array:
+        """(n, 3) mm of the muscles at this state."""
+        if not state.muscles.any():
+            return np.zeros_like(self._head.vertices)
+        self._fields = self._fields or MuscleFields(self._head)
+        return self._fields.displacement(state.muscles)
+
+
 class GenericActor:
     """The generic head with a painted skin, before a plain or a given background."""
 
     def __init__(self, script: Script, head: Head) -> None:
         self.head, self._script = head, script
+        self._muscles = _Muscles(head)
         self.rest_eau = np.zeros(len(EAUS))
         none = Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices))
         self._face = Face(head, none)
@@ -153,7 +170,8 @@ class GenericActor:
         home = Pose(np.array(FRONTAL), np.array([0.0, 0.0, self._script.distance_mm]))
         rest = self._camera
         camera = Camera(rest.width, rest.height, rest.focal_px * state.zoom)
-        vertices = self._face.with_aau_offset(state.aau).animate(state.eau)
+        face = self._face.with_aau_offset(state.aau)
+        vertices = face.with_displacement(self._muscles.displacement(state)).animate(state.eau)
         return FrameGeometry(camera, _pose_from_home(home, state), vertices)
 
     def draw(self, state: AnimationState, geometry: FrameGeometry) -> Picture:
@@ -180,6 +198,7 @@ class CallerActor:
 
     def __init__(self, model: ModelPacket) -> None:
         self.head, self._model = head_of(model), model
+        self._muscles = _Muscles(self.head)
         self.rest_eau = model.reference_face.eau
         # Whoever speaks in their typical picture has the mouth closed at rest.
         jaw = EAU_INDEX["jaw_drop"]
@@ -191,12 +210,13 @@ class CallerActor:
     def geometry(self, state: AnimationState) -> FrameGeometry:
         """Poses are relative to the reference pose of the call, AAUs to the person's own."""
         pose = _pose_from_home(self._model.reference_pose, state)
-        vertices = self._face.with_aau_offset(state.aau).animate(state.eau)
+        face = self._face.with_aau_offset(state.aau)
+        vertices = face.with_displacement(self._muscles.displacement(state)).animate(state.eau)
         return FrameGeometry(self._model.call.camera, pose, vertices)
 
     def draw(self, state: AnimationState, geometry: FrameGeometry) -> Picture:
         """As the decoder draws a frame of a call."""
-        self._scene.set_aau_offset(state.aau)
+        self._scene.set_aau_offset(state.aau, self._muscles.displacement(state))
         return self._scene.draw(FaceParameters(geometry.pose, state.eau), self._timer)
 
     def close(self) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from loopback.toml_file import read_toml
 from shared_model.anatomy.expressions import EMOTIONS
+from shared_model.anatomy.muscle_fields import MUSCLE_NAMES
 from shared_model.arrays import Array
 from shared_model.curves import smooth_curve
 from shared_model.errors import UserError
@@ -30,6 +31,7 @@ UNIT = (0.0, -1.0, 1.0)
 GROUPS: Mapping[str, Mapping[str, tuple[float, float, float]]] = {
     "eau": {eau.name: (0.0, eau.low, eau.high) for eau in EAUS},
     "emotion": {emotion.name: (0.0, 0.0, 1.0) for emotion in EMOTIONS},
+    "muscle": dict.fromkeys(MUSCLE_NAMES, (0.0, 0.0, 1.0)),
     "aau": dict.fromkeys(AAUS, UNIT),
     "pose": POSE,
     "light": LIGHT,
@@ -53,11 +55,13 @@ SETTINGS = {
 class AnimationState:
     """What the script asks for at one time.
 
-    eau: (len(EAUS),).  aau: (len(AAUS),).  pose: pitch, yaw, roll in degrees and right, down, away
-    in mm.  brightness, side: light.  zoom: focal length over that of rest.
+    eau: (len(EAUS),).  muscles: (len(MUSCLE_NAMES),).  aau: (len(AAUS),).
+    pose: pitch, yaw, roll in degrees and right, down, away in mm.
+    brightness, side: light.  zoom: focal length over that of rest.
     """
 
     eau: Array
+    muscles: Array
     aau: Array
     pose: Mapping[str, float]
     brightness: float
@@ -101,9 +105,8 @@ class Script:
         pose = dict(zip(POSE, self._group("pose", time_s).tolist(), strict=True))
         brightness, side = self._group("light", time_s).tolist()
         zoom = float(self._group("camera", time_s)[0])
-        return AnimationState(
-            clip_eau(eau), self._group("aau", time_s), pose, brightness, side, zoom
-        )
+        shape = self._group("muscle", time_s), self._group("aau", time_s)
+        return AnimationState(clip_eau(eau), *shape, pose, brightness, side, zoom)
 
     def _group(self, group: str, time_s: float) -> Array:
         return np.array([self._value(group, name, time_s) for name in GROUPS[group]])

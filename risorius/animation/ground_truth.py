@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from risorius.animation.animation_script import AnimationState, Script
+from shared_model.anatomy.muscle_fields import MUSCLE_NAMES
 from shared_model.arrays import Array
 from shared_model.errors import cannot_write
 from shared_model.geometry import Camera, euler_deg, pixel_from_head
@@ -41,6 +42,7 @@ def frame_truth(
         "translation_mm": _rounded(geometry.pose.translation_mm, 6),
         "pitch_yaw_roll_deg": _rounded(np.array([pitch, yaw, roll]), 5),
         "eau": _rounded(state.eau, 6),
+        "muscle": _rounded(state.muscles, 6),
         "aau": _rounded(state.aau, 6),
         "brightness": round(state.brightness, 6),
         "side": round(state.side, 6),
@@ -63,6 +65,7 @@ def script_truth(script: Script, camera: Camera) -> dict[str, Any]:
         "blur_px": script.blur_px,
         "seed": script.seed,
         "eaus": [eau.name for eau in EAUS],
+        "muscles": list(MUSCLE_NAMES),
         "aaus": list(AAUS),
     }
 

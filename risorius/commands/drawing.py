@@ -48,8 +48,9 @@ def add_view(added: "Commands") -> None:
         added,
         "view",
         "move every actuator of the face by hand, or correct annotations, in a browser",
-        "Prints the address of a page on this host: a slider for each actuator, a face to drag,\n"
-        "the decoder's own renderer behind it.  Ctrl-C ends it.  Single pictures come from\n"
+        "Prints the address of a page on this host: a slider for each actuator or, left and\n"
+        "right apart, for each muscle, a face to drag, the decoder's own renderer behind it;\n"
+        "Blink lets it blink by itself.  Ctrl-C ends it.  Single pictures come from\n"
         "ADDRESS/picture.jpg?jaw_drop=0.5&happiness=1&yaw=-20, names as in docs/animate.md.\n"
         "With --annotation the page shows what `risorius annotate` wrote: drag a landmark, move a\n"
         "slider, and the rest is fitted again; saved over it, the fit without a hand beside it.",

@@ -30,6 +30,7 @@ from shared_model.errors import UserError
 from shared_model.parameters import clip_eau
 
 JPEG_QUALITY = 92
+FILES = ["panel.css", "view.css", "blink.js", "muscle_rows.js", "view.js"]
 NAP_S = 0.2
 # The generic head's studio: a head fills the picture at the distance of a portrait.
 STUDIO = {"width": 720, "height": 800, "distance_mm": 1000, "focal_px": 2750, "mottle": 0}
@@ -153,7 +154,7 @@ def _site(requests: RequestQueue, described: dict[str, Any]) -> LocalSite:
 
     return LocalSite(
         {
-            **page_files("risorius.view", "view.html", ["panel.css", "view.css", "view.js"]),
+            **page_files("risorius.view", "view.html", FILES),
             ("GET", "model.json"): fixed(json.dumps(described).encode(), "application/json"),
             ("GET", "picture.jpg"): picture,
         }

@@ -19,7 +19,7 @@ function ask() {
   busy = true;
   stale = false;
   fetch(
-    `picture.jpg?${new URLSearchParams(Object.entries(values).map(([name, value]) => [name, String(value)]))}`,
+    `picture.jpg?${new URLSearchParams(Object.entries(withBlink(values)).map(([name, value]) => [name, String(value)]))}`,
     { headers: { "X-Page": page } },
   )
     .then(async (answer) => {
@@ -85,11 +85,16 @@ function addRow(parent, control) {
     '<label></label><span class="au"></span><output></output><input type="range"><span class="works"><span></span><span></span></span>';
   const [label, au, output, input, works] = /** @type {any} */ (row.children);
   label.textContent = control.name.replaceAll("_", " ");
-  label.htmlFor = input.id = control.name;
+  label.htmlFor = control.name;
   au.textContent = control.tag;
   // Below each end of the slider stands what pulls there.
   works.children[0].textContent = control.down;
   works.children[1].textContent = control.up;
+  addSlider(input, output, control);
+  parent.append(row);
+}
+function addSlider(input, output, control) {
+  input.id = control.name;
   Object.assign(input, {
     min: control.low,
     max: control.high,
@@ -113,13 +118,12 @@ function addRow(parent, control) {
   input.ondblclick = () => glide({ [control.name]: 0 });
   rows.set(control.name, { input, output, show });
   show();
-  parent.append(row);
 }
-function addHeading(text, note) {
+function addHeading(parent, text, note) {
   const heading = document.createElement("h2");
   heading.textContent = text;
   if (note) heading.append(Object.assign(document.createElement("small"), { textContent: note }));
-  el("sliders").append(heading);
+  parent.append(heading);
 }
 const plain = (v) => (v > 0 ? "+" : v < 0 ? "\u2212" : "") + Math.abs(v).toFixed(2);
 
@@ -128,9 +132,13 @@ function build(model) {
   picture.width = model.width;
   picture.height = model.height;
   picture.style.setProperty("--shape", String(model.width / model.height));
-  const sliders = el("sliders");
+  const sliders = el("sliders"),
+    muscles = el("muscles");
   for (const region of ["Brows", "Eyes", "Nose", "Mouth"]) {
-    addHeading(region);
+    addHeading(muscles, region);
+    for (const muscle of model.muscles.filter((each) => each.region === region))
+      addMuscle(muscles, muscle, addSlider);
+    addHeading(sliders, region);
     for (const eau of model.eaus.filter((e) => e.region === region))
       addRow(sliders, {
         ...eau,
@@ -141,6 +149,7 @@ function build(model) {
       });
   }
   addHeading(
+    sliders,
     "Anthropometry",
     model.caller
       ? "changes to the caller's own, \u00b12 standard deviations"
@@ -157,7 +166,8 @@ function build(model) {
       text: (v) => `${plain(v * aau.mm).slice(0, -1)} mm`,
     });
   const rest = () => Object.fromEntries([...rows.keys()].map((n) => [n, 0]));
-  const still = () => Object.fromEntries(model.eaus.map((e) => [e.name, 0]));
+  const names = [...model.eaus.map((e) => e.name), ...model.muscles.flatMap((m) => m.sides)];
+  const still = () => Object.fromEntries(names.map((name) => [name, 0]));
   for (const emotion of model.emotions) {
     const button = Object.assign(document.createElement("button"), {
       type: "button",
@@ -171,6 +181,14 @@ function build(model) {
     el("emotions").append(button);
   }
   press(null);
+  for (const name of ["sliders", "muscles"]) el(`choose-${name}`).onclick = () => choosePanel(name);
+  choosePanel("sliders");
+  const blink = el("blink");
+  blink.onclick = () => {
+    const on = blink.getAttribute("aria-pressed") !== "true";
+    blink.setAttribute("aria-pressed", String(on));
+    setBlinking(on, ask);
+  };
   const ahead = { pitch: 0, yaw: 0, ...(model.caller ? {} : { zoom: 1 }) };
   el("reset").onclick = () => {
     press(null);

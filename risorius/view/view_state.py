@@ -8,12 +8,20 @@ import numpy as np
 from risorius.animation.animation_script import GROUPS, AnimationState
 from shared_model.anatomy.anthropometry import MEASUREMENTS
 from shared_model.anatomy.expressions import DOWN, EMOTIONS, UP
+from shared_model.anatomy.muscle_fields import side_names
+from shared_model.anatomy.muscle_table import MUSCLES
+from shared_model.anatomy.muscles import Muscle
 from shared_model.arrays import Array
 from shared_model.parameters import EAUS, clip_eau
 
 # Where on the face the page shows an actuator, by the first word of its name.
 REGIONS = {"jaw": "Mouth", "mouth": "Mouth", "lip": "Mouth", "upper": "Mouth", "lower": "Mouth"}
 REGIONS |= {"eyebrow": "Brows", "nose": "Nose", "lid": "Eyes", "gaze": "Eyes"}
+# The same of a muscle, by its name's first word, or by both where that is not enough.
+MUSCLE_REGIONS = dict.fromkeys(("frontalis", "lateral", "procerus"), "Brows")
+MUSCLE_REGIONS |= dict.fromkeys(("zygomatic", "anguli", "risorius", "levator"), "Mouth")
+MUSCLE_REGIONS |= {"nasi": "Nose", "orbicularis oculi": "Eyes", "orbicularis oris": "Mouth"}
+MUSCLE_REGIONS |= {"depressor labii": "Mouth", "depressor supercilii": "Brows"}
 
 
 def state_from_query(query: str) -> AnimationState:
@@ -33,11 +41,11 @@ def state_from_query(query: str) -> AnimationState:
     eau = np.array(list(values["eau"].values()))
     for emotion in EMOTIONS:
         eau = eau + values["emotion"][emotion.name] * emotion.peak()
-    aau = np.array(list(values["aau"].values()))
+    muscles, aau = (np.array(list(values[group].values())) for group in ("muscle", "aau"))
     light = values["light"]
     zoom = values["camera"]["zoom"]
     return AnimationState(
-        clip_eau(eau), aau, values["pose"], light["brightness"], light["side"], zoom
+        clip_eau(eau), muscles, aau, values["pose"], light["brightness"], light["side"], zoom
     )
 
 
@@ -51,6 +59,7 @@ def page_description(width: int, height: int, caller: str | None) -> dict[str, A
         "height": height,
         "caller": caller,
         "eaus": [_eau(index) for index in range(len(EAUS))],
+        "muscles": [_muscle(muscle) for muscle in MUSCLES],
         "aaus": _aaus(),
         "emotions": [{"name": emotion.name, "eau": _named(emotion.peak())} for emotion in EMOTIONS],
     }
@@ -66,6 +75,15 @@ def _eau(index: int) -> dict[str, Any]:
         "au": eau.au,
         "works_up": UP[eau.name].works_by,
         "works_down": DOWN[eau.name].works_by if eau.name in DOWN else "",
+    }
+
+
+def _muscle(muscle: Muscle) -> dict[str, Any]:
+    """sides: names of its contractions, the left one first, or its own alone."""
+    return {
+        "name": muscle.name,
+        "region": MUSCLE_REGIONS.get(muscle.name) or MUSCLE_REGIONS[muscle.name.split()[0]],
+        "sides": list(side_names(muscle)),
     }
 
 

@@ -32,18 +32,43 @@ class Anatomy:
         field = np.zeros_like(self.vertices)
         for muscle, contraction in pulls:
             field += contraction * self._both_sides(muscle)
-        soft = np.isin(self.parts, [PARTS.index("skin"), PARTS.index("mouth")])
-        return field * soft[:, None]
+        return field
 
     def _both_sides(self, muscle: Muscle) -> Array:
-        """(n, 3) mm of a muscle on both sides, where they overlap at most the maximum of either."""
+        """(n, 3) mm of a muscle on both sides, see `overlapped`."""
         left = muscle.displacement(self.vertices, self.points, "l")
-        if not is_paired(muscle, self.points):
-            return left
-        total = left + muscle.displacement(self.vertices, self.points, "r")
-        strongest = np.linalg.norm(left, axis=1).max()
-        length = np.linalg.norm(total, axis=1)
-        return np.asarray(total * np.minimum(1, strongest / np.maximum(length, 1e-9))[:, None])
+        if is_paired(muscle, self.points):
+            right = muscle.displacement(self.vertices, self.points, "r")
+            left = overlapped(left, right)
+        return np.asarray(left * self.reach(muscle)[:, None])
+
+    def reach(self, muscle: Muscle) -> Array:
+        """(n,) 0..1 what a muscle moves: skin and mouth; a muscle of one lip that lip alone."""
+        soft = np.isin(self.parts, [PARTS.index("skin"), PARTS.index("mouth")])
+        if muscle is m.LEVATOR_LABII:
+            return np.asarray(soft * (1 - self.line.lower * (1 - self.line.along)))
+        if muscle is m.DEPRESSOR_LABII:
+            return np.asarray(soft * self.line.lower)
+        return soft.astype(np.float64)
+
+
+def overlapped(left: Array, right: Array) -> Array:
+    """(n, 3) mm of two sides of a muscle, where they overlap at most the maximum of either."""
+    total = left + right
+    strongest = max(float(np.linalg.norm(side, axis=1).max()) for side in (left, right))
+    length = np.linalg.norm(total, axis=1)
+    return np.asarray(total * np.minimum(1, strongest / np.maximum(length, 1e-9))[:, None])
+
+
+def anatomy_of(
+    vertices: Array,
+    triangles: NDArray[np.integer],
+    parts: NDArray[np.integer],
+    landmarks: Mapping[str, int],
+) -> Anatomy:
+    """The anatomy of a head, see `eau_fields`."""
+    points = {name: vertices[index] for name, index in landmarks.items()}
+    return Anatomy(vertices, parts, points, mouth_line(vertices, triangles, points))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +95,7 @@ def eau_fields(
     vertices: (n, 3) mm, head frame, neutral.  triangles: (m, 3).  parts: (n,) index into `PARTS`.
     landmarks: name -> vertex.  Raises ValueError if a muscle's landmark is missing.
     """
-    points = {name: vertices[index] for name, index in landmarks.items()}
-    head = Anatomy(vertices, parts, points, mouth_line(vertices, triangles, points))
+    head = anatomy_of(vertices, triangles, parts, landmarks)
     up, down = (np.zeros((len(EAUS), *vertices.shape)) for _ in range(2))
     for table, fields in ((UP, up), (DOWN, down)):
         for name, actuator in table.items():
@@ -93,14 +117,8 @@ def _gaze(head: Anatomy, horizontal: float, vertical: float) -> Array:
     return field
 
 
-def _upper_lip_raise(head: Anatomy) -> Array:
-    return (
-        head.pull((m.LEVATOR_LABII, 1.0)) * (1 - head.line.lower * (1 - head.line.along))[:, None]
-    )
-
-
 def _lower_lip_lower(head: Anatomy) -> Array:
-    return head.pull((m.DEPRESSOR_LABII, 1.0)) * head.line.lower[:, None]
+    return head.pull((m.DEPRESSOR_LABII, 1.0))
 
 
 def _lip_press(head: Anatomy) -> Array:
@@ -131,7 +149,9 @@ UP: Mapping[str, Actuator] = {
     "gaze_horizontal": Actuator(lambda h: _gaze(h, 1, 0), "eyeballs"),
     "gaze_vertical": Actuator(lambda h: _gaze(h, 0, 1), "eyeballs, lids following"),
     "lip_stretch": _pulls((m.RISORIUS, 1.0)),
-    "upper_lip_raise": Actuator(_upper_lip_raise, "levator labii on the upper lip"),
+    "upper_lip_raise": Actuator(
+        lambda h: h.pull((m.LEVATOR_LABII, 1.0)), "levator labii on the upper lip"
+    ),
     "lower_lip_lower": Actuator(_lower_lip_lower, "depressor labii on the lower lip"),
     "lip_press": Actuator(_lip_press, "orbicularis oris, marginal part"),
 }

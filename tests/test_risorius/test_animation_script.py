@@ -10,6 +10,7 @@ import pytest
 from risorius.animation.animate import unused_settings
 from risorius.animation.animation_script import parse_script, read_script
 from shared_model.anatomy.expressions import EMOTIONS
+from shared_model.anatomy.muscle_fields import MUSCLE_NAMES
 from shared_model.errors import UserError
 from shared_model.parameters import AAUS, EAU_INDEX
 
@@ -31,9 +32,18 @@ def test_values_are_held_before_the_first_and_after_the_last_key() -> None:
     assert script.at(0).aau[AAUS.index("nose_width")] == -1
 
 
+def test_a_key_may_name_muscles_of_either_side() -> None:
+    keys = [{"time": time, "muscle": {"risorius_left": time}} for time in (0, 1)]
+    script = parse_script({"key": keys, "seconds": 2}, Path())
+    muscles = dict(zip(MUSCLE_NAMES, script.at(0.5).muscles, strict=True))
+    assert muscles["risorius_left"] == pytest.approx(0.5)
+    assert sum(map(bool, muscles.values())) == 1 and not script.at(0.5).eau.any()
+
+
 def test_what_no_key_sets_is_at_rest() -> None:
     state = parse_script({}, Path()).at(1)
     assert not state.eau.any() and not state.aau.any() and not any(state.pose.values())
+    assert not state.muscles.any()
     assert (state.brightness, state.side, state.zoom) == (1, 0, 1)
 
 

@@ -25,6 +25,7 @@ from risorius.cli import main
 from risorius.view.server import STUDIO, RenderRequest, RequestQueue, serve
 from risorius.view.view_state import page_description, state_from_query
 from shared_model.anatomy.expressions import EMOTIONS
+from shared_model.anatomy.muscle_fields import MUSCLE_NAMES
 from shared_model.arrays import Picture
 from shared_model.errors import UserError
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS, clip_eau
@@ -95,6 +96,8 @@ def test_every_actuator_moves_the_picture(server: Server) -> None:
     rest = server.picture()
     for query in [f"{eau.name}={eau.high}" for eau in EAUS] + [f"{name}=1" for name in AAUS]:
         assert difference(rest, server.picture(query)) > 0.03, query
+    for name in MUSCLE_NAMES:
+        assert difference(rest, server.picture(f"{name}=1")) > 0.03, name
     assert difference(rest, server.picture("yaw=30")) > 2
     assert difference(rest, server.picture("brightness=0.5")) > 5
 
@@ -111,6 +114,8 @@ def test_the_description_has_all_that_the_sliders_show(server: Server) -> None:
     model = json.loads(server.get("model.json")[1])
     assert [eau["name"] for eau in model["eaus"]] == [eau.name for eau in EAUS]
     assert [aau["name"] for aau in model["aaus"]] == list(AAUS)
+    assert [n for muscle in model["muscles"] for n in muscle["sides"]] == list(MUSCLE_NAMES)
+    assert {muscle["region"] for muscle in model["muscles"]} == {"Brows", "Eyes", "Nose", "Mouth"}
     assert {e["name"] for e in model["emotions"]} == {e.name for e in EMOTIONS}
     assert model == page_description(model["width"], model["height"], None)
     assert all(eau["au"].startswith("AU") and eau["works_up"] for eau in model["eaus"])
@@ -215,7 +220,7 @@ def test_moving_a_slider_and_dragging_the_face_change_what_the_browser_shows(
     server: Server, browser: Browser
 ) -> None:
     browser.call("Page.navigate", url=server.url)
-    browser.wait("document.querySelectorAll('input[type=range]').length == 25")
+    browser.wait("document.querySelectorAll('input[type=range]').length == 51")
     left, top, width, height = map(int, browser.box("#picture"))
 
     def shown(after: int) -> Picture:
@@ -247,3 +252,40 @@ def test_moving_a_slider_and_dragging_the_face_change_what_the_browser_shows(
     browser.click("#emotions button")
     browser.wait("values.mouth_corners == 0.9")
     assert browser.value("document.querySelector('#emotions button').ariaPressed") == "true"
+
+
+def test_one_muscle_of_one_side_is_moved_by_its_own_slider(
+    server: Server, browser: Browser
+) -> None:
+    browser.call("Page.navigate", url=server.url)
+    browser.wait("document.querySelectorAll('input[type=range]').length == 51")
+    browser.wait("+(picture.dataset.shown || 0) > 0 && !busy && !stale")
+    assert browser.value("el('muscles').hidden")
+    browser.click("#choose-muscles")
+    assert browser.value("el('sliders').hidden") and not browser.value("el('muscles').hidden")
+    left, top, width, height = map(int, browser.box("#picture"))
+    rest = browser.screenshot()[top : top + height, left : left + width]
+    before = browser.value("picture.dataset.shown")
+    browser.click("#frontalis_outer_right", across=0.95)
+    browser.wait(f"picture.dataset.shown != '{before}' && !busy && !stale")
+    raised = browser.screenshot()[top : top + height, left : left + width]
+    # The subject's right is on the picture's left.
+    half = width // 2
+    assert difference(rest[:, :half], raised[:, :half]) > 0.1
+    assert difference(rest[:, half:], raised[:, half:]) < 0.05
+    browser.click("#reset")
+    browser.wait("!values.frontalis_outer_right")
+
+
+def test_the_face_blinks_by_itself_where_asked(server: Server, browser: Browser) -> None:
+    browser.call("Page.navigate", url=server.url)
+    browser.wait("+(picture.dataset.shown || 0) > 0 && !busy && !stale")
+    closing = "[0, 90, 110, 130, 1000].map(closureAt).join()"
+    assert browser.value(closing) == "0,1,1,1,0"
+    assert browser.value("JSON.stringify(withBlink({lid_left: 0.2}))") == '{"lid_left":0.2}'
+    browser.click("#blink")
+    browser.wait("blinkClosure > 0 && withBlink({lid_left: -0.5}).lid_left === blinkClosure")
+    browser.wait("blinkClosure === 0")
+    browser.click("#blink")
+    assert browser.value("blinkTimer") == 0
+    assert not browser.value("values.lid_left")
