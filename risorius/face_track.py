@@ -1,6 +1,6 @@
 """The tracker alone: pose and actuators of every frame of a video."""
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Collection, Generator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -97,11 +97,13 @@ def track(
     progress: Progress | None = None,
     stop: Callable[[], bool] = lambda: False,
     aam: str | Path | None = None,
+    without: Collection[str] = (),
 ) -> FaceTrack:
     """Track the face of a video file, image pattern, camera index or URL, until `stop`.
 
     progress: called with the number of frames so far and of all, None if that is not known.
     aam: a model of many faces that finds landmarks; None: the network does.
+    without: parts of the tracker to leave out, see `TrackingOptions`.
     Raises `UserError` if the source or the model cannot be read or shows no face.
     """
     source_of_landmarks = landmark_source(aam)
@@ -110,7 +112,10 @@ def track(
     with open_source(source, square_pixels=True) as capture, closing(_frames(capture)) as frames:
         size, frame_s = (capture.width, capture.height), float(1 / capture.fps)
         options = TrackingOptions(
-            eyelids=True, refine_identity=False, landmarks=source_of_landmarks
+            without=frozenset(without),
+            eyelids=True,
+            refine_identity=False,
+            landmarks=source_of_landmarks,
         )
         active = range(len(EAUS))
         tracker = open_tracker(options, generic_head(), size, active, frame_s, warnings.append)

@@ -18,6 +18,18 @@ OPTIONS_NOT_FOR_SWEEP: Options = {
     "busy": 0,
     "cores": None,
 }
+# The same where clips are tracked and not sent.
+OPTIONS_NOT_FOR_TRACKS: Options = {
+    **{name: default for name, default in THESIS_OPTIONS.items() if name != "aam"},
+    **DEFAULT_OPTIONS,
+    **{name: None for name in ("profile", "preset", "sweep", "against", "scheduler")},
+    "model_bytes": None,
+    "timings": False,
+    "jobs": 1,
+    "pace": True,
+    "busy": 0,
+    "cores": None,
+}
 
 
 def profile_of(arguments: argparse.Namespace) -> str:

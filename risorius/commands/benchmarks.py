@@ -6,7 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from risorius.command_line.argument_types import names, rungs
-from risorius.command_line.option_rules import OPTIONS_NOT_FOR_SWEEP, profile_of, reject
+from risorius.command_line.option_rules import (
+    OPTIONS_NOT_FOR_SWEEP,
+    profile_of,
+    reject,
+)
 from risorius.command_line.options import add_coding
 from risorius.command_line.output_checks import check_output_folder, check_outputs
 from risorius.command_line.parser import add_command
@@ -28,11 +32,16 @@ def add_bench(added: "Commands") -> None:
         "from the reading of a frame to its picture; in the default profile, unless it is --live,\n"
         "both passes over the file are in between.\n"
         "With --sweep each clip is coded at several rates into call files; with --against other\n"
-        "codecs code the same frames, and the report says what they need for our quality.",
+        "codecs code the same frames, and the report says what they need for our quality.\n"
+        "With --pose-truth or --labels there is no call: each clip is tracked, and what was found\n"
+        "is compared with measured poses (BU, BIWI, `risorius animate`) or with action units that\n"
+        "people have coded (DISFA, CK+, MMI, tables as OpenFace writes them); docs/tracker.md.",
         "  risorius bench me.mp4 you.mp4 --out out/bench\n"
         "  risorius bench --timings --no-pace me.mp4\n"
         "  risorius bench --sweep 300,800,2000:20000 me.mp4 --out out/curves\n"
-        "  risorius bench --against svtav1,x265,vp9 --max-frames 150 me.mp4\n",
+        "  risorius bench --against svtav1,x265,vp9 --max-frames 150 me.mp4\n"
+        "  risorius bench bu/*.avi --pose-truth bu\n"
+        "  risorius bench disfa/*.avi --labels disfa/ActionUnit_Labels\n",
     )
     parser.add_argument(
         "source",
@@ -45,7 +54,7 @@ def add_bench(added: "Commands") -> None:
         type=Path,
         metavar="DIR",
         help="decoded videos, report.json and report.html go here (default: out/bench, of a"
-        " sweep out/curves)",
+        " sweep out/curves, of tracks out/tracks)",
     )
     add_coding(parser)
     _add_measuring(parser)
@@ -66,6 +75,21 @@ def _add_measuring(parser: argparse.ArgumentParser) -> None:
         metavar="CODEC,...",
         help="other codecs on the same frames: svtav1, x265, x264, vp9, vvc; in real time with"
         " --live",
+    )
+    parser.add_argument(
+        "--pose-truth",
+        type=Path,
+        metavar="PATH",
+        help="compare the tracked pose with measured ones: a folder of files named as the clips,"
+        " NAME.dat (BU), NAME/frame_%%05d_pose.txt (BIWI), NAME.json (animate), or a file",
+    )
+    parser.add_argument(
+        "--labels",
+        type=Path,
+        metavar="PATH",
+        help="F1 and area under the curve of each action unit: a folder of labels named as the"
+        " clips, NAME_au12.txt (DISFA), NAME_00000011_facs.txt (CK+), NAME-oao_aucs.xml (MMI),"
+        " NAME.csv with columns AU12_c or AU12_r, or a file",
     )
     parser.add_argument(
         "--jobs",
@@ -150,6 +174,10 @@ def run_bench(arguments: argparse.Namespace) -> int:
         for each in arguments.source
         for clip in ([str(clip_path(each, Path()))] if each.startswith(PREFIX) else videos_in(each))
     ]
+    if arguments.pose_truth or arguments.labels:
+        from risorius.commands.bench_tracks import run_tracks
+
+        return run_tracks(arguments)
     if arguments.sweep or arguments.against:
         return run_curves(arguments)
     profile = profile_of(arguments)

@@ -52,6 +52,7 @@ IMPORTERS = {
         "encoder/sound/speech_encoder.py",
     },
     "filterpy": {"encoder/thesis/ekf.py"},
+    "matplotlib": {"aam/charts.py"},
     "numba": {"runtime/jit.py"},
     "moderngl": {
         "decoder/rendering/background_pass.py",

@@ -1,0 +1,55 @@
+"""`risorius bench --pose-truth` and `--labels`: what the tracker finds, against what is known."""
+
+import argparse
+from dataclasses import fields
+from pathlib import Path
+
+from risorius.command_line.option_rules import OPTIONS_NOT_FOR_TRACKS, reject
+from risorius.command_line.output_checks import check_output_folder
+from risorius.command_line.progress import say, warn
+from risorius.command_line.signals import StopOnSignal
+
+
+def run_tracks(arguments: argparse.Namespace) -> int:
+    """`risorius bench --pose-truth`, `--labels`."""
+    asked = "--pose-truth" if arguments.pose_truth else "--labels"
+    reject(arguments, OPTIONS_NOT_FOR_TRACKS, asked)
+    from aam.charts import NEEDED, has_charts
+    from loopback.bench import ClipFailure, make_folder
+    from loopback.report import table, write_json, write_report
+    from risorius.track_bench.track_bench import (
+        ClipTrack,
+        TrackBenchOptions,
+        bench_tracks,
+        pose_chart,
+        pose_rows,
+        scores_of,
+        track_report,
+        unit_rows,
+    )
+    from risorius.track_files import csv_text
+
+    given = {item.name: getattr(arguments, item.name) for item in fields(TrackBenchOptions)}
+    folder, clips = arguments.out or Path("out/tracks"), list[ClipTrack]()
+    failures = list[ClipFailure]()
+    check_output_folder(folder)
+    with StopOnSignal():
+        for item in bench_tracks(arguments.source, TrackBenchOptions(**given), say):
+            if isinstance(item, ClipFailure):
+                failures.append(item)
+                warn([f"{item.source} failed: {item.error}"])
+                continue
+            clips.append(item)
+            make_folder(folder)
+            write_report(folder / f"{item.name}.csv", csv_text(item.found.columns).encode())
+            if item.poses is not None and has_charts():
+                write_report(folder / f"{item.name}.svg", pose_chart(item).encode())
+            write_json(folder / "report.json", track_report(clips, failures))
+    for head, rows in (pose_rows(clips), unit_rows(scores_of(clips))):
+        if rows:
+            print(f"{table(head, rows)}\n")
+    if clips:
+        say(f"bench: report.json and the tracks are in {folder}")
+    if arguments.pose_truth and not has_charts():
+        say(NEEDED)
+    return failures[0].error.exit_code if failures else 0

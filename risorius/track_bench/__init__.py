@@ -1,0 +1,1 @@
+"""What the tracker finds against what was measured or labelled: poses, action units."""
