@@ -4,7 +4,8 @@
     python -m benchmarks call_delay --clips seen.mp4 other.mp4
     python -m benchmarks call_delay --one-way
     python -m benchmarks call_delay --minutes 10
-    python -m benchmarks call_delay --both-pages [--draws]
+    python -m benchmarks call_delay --both-pages [--draws] [--busy 3]
+    python -m benchmarks call_delay --clips seen.mp4 other.mp4 --both-pages --quality
 
 Two ends on this host's loopback; a headless Chromium shows one of them.  The source is a clip whose
 mouth opens at known times and sounds just then: a clock that a model of the face transmits.  With
@@ -12,7 +13,7 @@ mouth opens at known times and sounds just then: a clock that a model of the fac
 mouths.  With --one-way the end with the page has a camera that sees nobody: about as much work as
 if each end had a host of its own.  With --both-pages the page of the other end is open as well.
 With --draws pages draw the faces by themselves, though they do it in software here; else the host
-draws for them.  Prints a line of JSON:
+draws for them.  With --busy so many loops keep the cores busy beside it.  Prints a line of JSON:
 
     pictures_per_s   shown by the page
     receiving_cpu    CPU seconds a second of the four processes that receive and perhaps draw, two
@@ -29,6 +30,8 @@ draws for them.  Prints a line of JSON:
         null: not known, as one of them is not found again
     minutes_late_ms  the same in the first and in the last minute of more than two
     match            how well mouth and sound on the page correlate with those of the source
+    quality          with --quality, of each page that is open: PSNR of the other's face and of the
+        whole picture against the clip, dB, of a picture a second
 """
 
 import argparse
@@ -46,11 +49,12 @@ import aiohttp
 import numpy as np
 
 from benchmarks.call_delay.clip import SECONDS, is_open, write_clip, write_empty_clip
+from benchmarks.call_delay.seen_pictures import Seen, pictures_of, seen_quality
 from benchmarks.command import PROGRAM, run
 from benchmarks.measured_process import cpu_s
 from loopback.browser import Browser, find_browser
 from loopback.played_letter import SOFTWARE_GL
-from loopback.process_pair import free_port
+from loopback.process_pair import busy_loops, free_port
 from shared_model.arrays import Array, Integers
 from shared_model.errors import UserError
 
@@ -112,7 +116,13 @@ def main(argv: Sequence[str]) -> None:
     parser.add_argument("--low-delay", action="store_true", help="packets of four pictures")
     parser.add_argument("--both-pages", action="store_true", help="open the page of either end")
     parser.add_argument("--draws", action="store_true", help="pages draw, in software")
+    parser.add_argument("--busy", type=int, default=0, metavar="N", help="busy loops beside it")
+    parser.add_argument(
+        "--quality", action="store_true", help="compare what pages show with --clips"
+    )
     options = parser.parse_args(argv)
+    if options.quality and not options.clips:
+        raise UserError("--quality compares with --clips: name them")
     program = find_browser()
     if program is None:
         raise UserError("Chromium is not installed")
@@ -123,9 +133,29 @@ def main(argv: Sequence[str]) -> None:
             cameras = [cameras[0], write_empty_clip(folder)]
         seconds = options.seconds if options.minutes is None else MINUTE_S * options.minutes
         pages = Pages(program, options.both_pages, options.draws)
-        seen, heard, begun_ms, cpu = measure(folder, pages, cameras, more, seconds)
-        found = figures(seen, heard, begun_ms, knows_mouth=not options.clips)
-        print(json.dumps({**found, "receiving_cpu": round(cpu, 2)}))
+        with busy_loops(options.busy):
+            noted = measure(folder, pages, cameras, more, seconds, options.quality)
+        found = figures(noted.seen, noted.heard, noted.begun_ms, knows_mouth=not options.clips)
+        if options.quality:
+            found["quality"] = [
+                seen_quality(*each) for each in zip(cameras, noted.pictures, strict=False)
+            ]
+        print(json.dumps({**found, "receiving_cpu": round(noted.receiving_cpu, 2)}))
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """What was noted of a call.
+
+    seen, heard, begun_ms: see `figures`.  receiving_cpu: see above.
+    pictures: what the page shows, and that of the other end if it is open; empty: not asked for.
+    """
+
+    seen: Array
+    heard: Array
+    begun_ms: float
+    receiving_cpu: float
+    pictures: list[list[Seen]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,29 +179,36 @@ class Pages:
 
 
 def measure(
-    folder: Path, pages: Pages, cameras: Sequence[Path], more: Sequence[str], seconds: float
-) -> tuple[Array, Array, float, float]:
-    """What the page notes in a call of so many seconds, see `figures`.
+    folder: Path,
+    pages: Pages,
+    cameras: Sequence[Path],
+    more: Sequence[str],
+    seconds: float,
+    with_pictures: bool = False,
+) -> Notes:
+    """What is noted of a call of so many seconds.
 
     cameras: of the end that is seen, and of the one whose page is looked at.  more: options.
+    with_pictures: also what the open pages show.
     """
     with ExitStack() as stack:
         where = f"127.0.0.1:{free_port()}"
         sender = _end(stack, ["--listen", where, "--camera", str(cameras[0]), *more])
         page = _end(stack, [where, "--camera", str(cameras[1]), *more])
-        browser = stack.enter_context(pages.open(folder / "browser", page))
+        browsers = [stack.enter_context(pages.open(folder / "browser", page))]
         if pages.both:
-            stack.enter_context(pages.open(folder / "other", sender))
-        browser.wait("typeof players != 'undefined' && players[OTHER].shown > 0", START_S)
+            browsers.append(stack.enter_context(pages.open(folder / "other", sender)))
+        for browser in browsers:
+            browser.wait("typeof players != 'undefined' && players[OTHER].shown > 0", START_S)
         time.sleep(SETTLE_S)
-        browser.value(NOTES)
+        browsers[0].value(NOTES)
         before_s = receiving_cpu_s()
-        time.sleep(seconds)
+        pictures = pictures_of(browsers if with_pictures else [], seconds)
         cpu = (receiving_cpu_s() - before_s) / seconds
         begun_ms, fps = asyncio.run(_begun(sender))
-        seen, heard = np.array(browser.value("seen")), np.array(browser.value("heard"))
+        seen, heard = (np.array(browsers[0].value(each)) for each in ("seen", "heard"))
         seen[:, 2] = begun_ms + 1000 / fps * seen[:, 2]
-        return seen, heard, begun_ms, cpu
+        return Notes(seen, heard, begun_ms, cpu, pictures)
 
 
 def receiving_cpu_s() -> float:
