@@ -63,10 +63,11 @@ check: $(COMPILED) lint
 
 # What the player's sources are built into: it is in the repository, so that nobody needs node who
 # does not change them; but for what watches from anywhere, which has libraries in it.
-player: node_modules/.installed
+player: node_modules/.installed $(INSTALLED)
 	sh scripts/build_player.sh player/built
+	$(BIN)/python -m assets.build_player_data
 
-$(WATCH): node_modules/.installed $(wildcard player/*.js player/*/*.js player/*/*/*.js)
+$(WATCH): node_modules/.installed $(wildcard player/*.js player/*/*.js player/*/*/*.js player/wasm/*.ts)
 	sh scripts/build_player.sh player/built
 
 # Wheel and source archive in dist/.

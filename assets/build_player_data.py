@@ -1,4 +1,6 @@
-"""Write the data of the player, `player/data/player.bin`: the head, and the weights of the format.
+"""Write the data of the player, `player/data/player.bin`: the head, the weights of the format, and
+the compiled decoder of pictures
+(`make player` builds it of `player/wasm`).
 
 The player derives from them what `shared_model` derives from `head.npz`; positions and fields are
 in integers, at most 1/32 mm off.  `player/data_file.js` says what the file is.
@@ -24,6 +26,9 @@ from shared_model.surround import STRIP_WIDTH, head_with_surround, surround_anch
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "player" / "data" / "player.bin"
+BUILT = ROOT / "player" / "built"
+# What is compiled of `player/wasm`.
+COMPILED = "pictures", "filters"
 WEIGHTS = ROOT / "protocol" / "data" / "probability_model.npz"
 # Steps of positions and of fields, mm, and of texture coordinates.
 POSITION_STEP_MM, FIELD_STEP_MM, TEXTURE_STEP = 1 / 64, 1 / 16, 1 / 32767
@@ -43,11 +48,12 @@ def main(arguments: Sequence[str]) -> None:
 
 def player_data() -> bytes:
     """The bytes of the file."""
-    arrays = {**_generic_arrays(), **_surround_arrays(), **_residual_arrays(), **_weights()}
+    head = {**_generic_arrays(), **_surround_arrays(), **_residual_arrays()}
+    arrays = {**head, **_weights(), **_compiled()}
     types = {name: array.dtype.name for name, array in arrays.items()}
     listed = [[name, types[name], array.size] for name, array in arrays.items()]
-    head = json.dumps(listed, separators=(",", ":")).encode()
-    return b"".join([struct.pack("<I", len(head)), head, *map(_coded, arrays.values())])
+    index = json.dumps(listed, separators=(",", ":")).encode()
+    return b"".join([struct.pack("<I", len(index)), index, *map(_coded, arrays.values())])
 
 
 def _coded(array: Stored) -> bytes:
@@ -130,6 +136,13 @@ def _weights() -> Mapping[str, Stored]:
             for network in ProbabilityModels.__slots__
             for part in WEIGHT_ARRAYS
         }
+
+
+def _compiled() -> Mapping[str, Stored]:
+    return {
+        f"{name}_wasm": np.frombuffer((BUILT / f"{name}.wasm").read_bytes(), np.uint8)
+        for name in COMPILED
+    }
 
 
 def _steps(values: Array, step: float) -> Stored:

@@ -2,8 +2,8 @@
 
 Each clip is encoded and becomes a letter, which headless Chromium plays, drawing in software.  The
 table: bytes of call and letter; PSNR between the pictures of page and decoder; face and whole PSNR
-of either against the clip; ms until the first picture, until all modes have been decoded, and of
-drawing a frame.
+of either against the clip; ms until the first picture, until all modes have been decoded, of the
+worker for the first model, and of drawing a frame.
 """
 
 import argparse
@@ -41,6 +41,7 @@ HEADER = (
     "whole",
     "first ms",
     "decoded ms",
+    "model ms",
     "frame ms",
 )
 
@@ -73,7 +74,8 @@ def _row(clip: str, max_frames: int, program: str, folder: Path) -> list[Cell]:
         CallPictures(CallSource(call_file=call), lambda: False) as pictures,
     ):
         played.wait_until_decoded()
-        times = [played.shown_ms, played.decoded_ms, played.frame_ms(min(50, played.frames))]
+        times = [played.shown_ms, played.decoded_ms, played.model_ms]
+        times.append(played.frame_ms(min(50, played.frames)))
         sinks = None
         for frame in pictures:
             height, width = frame.picture.shape[:2]

@@ -34,7 +34,7 @@ window.time_frames = (count) => {
 };
 """
 OPENED = """
-window.shown_ms = window.decoded_ms = null;
+window.shown_ms = window.decoded_ms = window.model_ms = null;
 window.errors = [];
 window.onerror = (message, source, line, column, error) => errors.push(String(error));
 window.onunhandledrejection = (event) => errors.push(String(event.reason));
@@ -46,6 +46,27 @@ const look = () => {
   if (shown_ms === null || decoded_ms === null) requestAnimationFrame(look);
 };
 requestAnimationFrame(look);
+// The letter's script, in its worker, says with each answer how long its order had been there.
+const timed = `if (typeof document === "undefined") {
+  let began = null;
+  addEventListener("message", ({ data }) => { if (data.texture) began ??= performance.now(); });
+  const post = postMessage;
+  postMessage = (answer, options) =>
+    post({ ...answer, after_ms: performance.now() - began }, options);
+}
+`;
+const createURL = URL.createObjectURL;
+URL.createObjectURL = (blob) =>
+  createURL(blob.type === "text/javascript" ? new Blob([timed, blob], { type: blob.type }) : blob);
+const setHandler = Object.getOwnPropertyDescriptor(Worker.prototype, "onmessage").set;
+Object.defineProperty(Worker.prototype, "onmessage", {
+  set(handler) {
+    setHandler.call(this, (message) => {
+      if (message.data.isLast) model_ms ??= message.data.after_ms;
+      handler(message);
+    });
+  },
+});
 """
 
 
@@ -98,6 +119,11 @@ class PlayedLetter:
     def decoded_ms(self) -> float:
         """When all models had been decoded, ms from when the page was asked for."""
         return float(self.browser.value("decoded_ms"))
+
+    @property
+    def model_ms(self) -> float:
+        """How long the first model took its worker, all its modes included, ms."""
+        return float(self.browser.value("model_ms"))
 
     def picture(self, index: int) -> Picture:
         """A frame as the page draws it, (height, width, 3) uint8 BGR."""

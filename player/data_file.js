@@ -6,7 +6,8 @@ import { check } from "./format/errors.js";
 const TYPES = { float32: Float32Array, int32: Int32Array, int16: Int16Array, uint8: Uint8Array };
 
 /**
- * The arrays of the player's data file, by name: the head, and the weights of the format.
+ * The arrays of the player's data file, by name: the head, the weights of the format, and
+ * what is compiled.
  *
  * The file is a head of JSON after its length (four bytes, the lowest first), an array of [name,
  * type, number of values], then their values, little-endian.  Those of int16 are differences, each
@@ -30,6 +31,17 @@ export function readDataFile(file) {
     start += size;
   }
   return arrays;
+}
+
+/**
+ * An array of the file.
+ * @param {Arrays} data
+ * @param {string} name
+ */
+export function array(data, name) {
+  const found = data.get(name);
+  check(found, `the player's data file lacks ${name}`);
+  return found;
 }
 
 /** @param {Uint8Array} bytes of int16 */

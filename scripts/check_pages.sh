@@ -1,5 +1,5 @@
 #!/bin/sh
-# Types and style of the pages' scripts, and whether what is built of the player is up to date.
+# Types and style of the pages' scripts (asc checks those of player/wasm as it builds them), and whether what is built of the player is up to date.
 # A page's scripts share their globals; no two pages do.
 set -eu
 bin=node_modules/.bin
@@ -17,7 +17,7 @@ done
 built=$(mktemp -d)
 trap 'rm -rf "$built"' EXIT
 sh scripts/build_player.sh "$built"
-for script in letter.js face_drawer.js; do
+for script in letter.js face_drawer.js pictures.wasm filters.wasm; do
     cmp "$built/$script" "player/built/$script" || {
         echo "player/built/$script is not what the sources make: run make player" >&2
         exit 1

@@ -4,11 +4,12 @@ import { isPicture, modeDecoder, parsePictureHeader } from "../format/pictures/p
 import { LIDS } from "../model/parameters.js";
 import { Atlas } from "./atlas.js";
 import { lidsOf, lightenLids } from "./closed_lids.js";
-import { LocalColours, limitColours, toByte } from "./local_colours.js";
+import { colourLimits, limitColours, toByte } from "./local_colours.js";
 import { blendSurroundSeam } from "./surround_seam.js";
 
 /** @typedef {import("../format/pictures/picture.js").Image} Image */
-/** @typedef {import("../format/pictures/probability_network.js").ProbabilityNetworks} ProbabilityNetworks */
+/** @typedef {import("./image_filters.js").ImageFilters} ImageFilters */
+/** @typedef {import("../format/pictures/picture_codec.js").PictureCodec} PictureCodec */
 /** @typedef {import("../model/head.js").Head} Head */
 /** @typedef {import("../model/parameters.js").Face} Face */
 /** @typedef {import("./closed_lids.js").Lids} Lids */
@@ -29,12 +30,13 @@ const MAX_MODE_TEXELS = 4 * 1024 * 1024;
 /** Decodes a caller's texture, and their modes as they come. */
 export class AppearanceDecoder {
   /**
-   * @param {ProbabilityNetworks} networks
+   * @param {PictureCodec} codec
+   * @param {ImageFilters} filters
    * @param {Uint8Array} texture
    * @param {Image} image the picture in it
    * @param {boolean} isThesis
    */
-  constructor(networks, texture, image, isThesis) {
+  constructor(codec, filters, texture, image, isThesis) {
     const { width, height } = image;
     const isRight = width === height && width >= 2 && width <= MAX_SIDE_PX;
     check(isRight, `texture is ${width}x${height}, expected a square`);
@@ -48,13 +50,19 @@ export class AppearanceDecoder {
     for (let i = 0; i < values.length; i++) mean[i] = toByte(values[i]);
     this.isThesis = isThesis;
     this.texture = texture;
-    /** @type {LocalColours | null} */
-    this.colours = null;
+    this.filters = filters;
+    /** whether the limits of the mean are known: modes are completed within them */
+    this.hasLimits = false;
     /** @type {MeanTexture} */
     this.mean = { size: width, mean, limits: null, lids: null };
-    this.sequence = modeDecoder(networks, height, width, weightMap);
+    this.sequence = modeDecoder(codec, height, width, weightMap);
     /** @type {Uint8Array[]} the modes decoded so far, as they are coded */
     this.known = [];
+  }
+
+  /** Let another one have what this one works with. */
+  close() {
+    this.sequence.close();
   }
 
   /**
@@ -64,10 +72,10 @@ export class AppearanceDecoder {
    */
   details(head) {
     const { size, mean } = this.mean;
-    const atlas = new Atlas(head, size);
-    this.colours = new LocalColours(mean, atlas);
-    const { low, high } = this.colours;
-    return { limits: { low, high }, lids: lidsOf(mean, atlas) };
+    const atlas = new Atlas(this.filters, head, size);
+    const limits = colourLimits(this.filters, mean, atlas);
+    this.hasLimits = true;
+    return { limits, lids: lidsOf(this.filters, mean, atlas) };
   }
 
   /**
@@ -93,7 +101,7 @@ export class AppearanceDecoder {
     for (const mode of modes.slice(this.known.length)) {
       if (!mode.length) return;
       const image = this.sequence.decode(mode, `mode ${this.known.length}`);
-      this.colours?.complete(image);
+      if (this.hasLimits) this.filters.completeMode(image.values);
       if (!this.isThesis) blendSurroundSeam(image);
       this.known.push(mode);
       yield image.values;
@@ -104,10 +112,12 @@ export class AppearanceDecoder {
 /** Makes the texture of each frame: the mean and the modes times their coefficients. */
 export class Appearance {
   /**
+   * @param {ImageFilters} filters
    * @param {MeanTexture} mean
    * @param {Float32Array[]} modes each (size, size, 3)
    */
-  constructor(mean, modes) {
+  constructor(filters, mean, modes) {
+    this.filters = filters;
     this.mean = mean;
     this.modes = modes;
     this.added = new Float32Array(3 * mean.size ** 2);
@@ -135,6 +145,7 @@ export class Appearance {
     }
     if (lids)
       lightenLids(
+        this.filters,
         lids,
         texture,
         LIDS.map((lid) => eau[lid]),

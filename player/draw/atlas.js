@@ -1,65 +1,32 @@
 /** @typedef {import("../model/head.js").Head} Head */
-
-/**
- * Call back for each grid point inside triangles with corners (n, 3, 2), column and row, with the
- * barycentric weights of the corners; a point on a common edge is in both triangles.
- * @param {ArrayLike<number>} corners
- * @param {number} width
- * @param {number} height
- * @param {(triangle: number, column: number, row: number, wb: number, wc: number) => void} found
- */
-function coverPoints(corners, width, height, found) {
-  for (let t = 0; t < corners.length / 6; t++) {
-    const [ax, ay, bx0, by0, cx0, cy0] = [0, 1, 2, 3, 4, 5].map((k) => corners[6 * t + k]);
-    const bx = bx0 - ax;
-    const by = by0 - ay;
-    const cx = cx0 - ax;
-    const cy = cy0 - ay;
-    const area = bx * cy - by * cx;
-    if (Math.abs(area) < 1e-12) continue;
-    const left = Math.max(Math.ceil(Math.min(ax, bx0, cx0)), 0);
-    const right = Math.min(Math.floor(Math.max(ax, bx0, cx0)), width - 1);
-    const top = Math.max(Math.ceil(Math.min(ay, by0, cy0)), 0);
-    const bottom = Math.min(Math.floor(Math.max(ay, by0, cy0)), height - 1);
-    for (let y = top; y <= bottom; y++) {
-      for (let x = left; x <= right; x++) {
-        const wb = ((x - ax) * cy - (y - ay) * cx) / area;
-        const wc = (bx * (y - ay) - by * (x - ax)) / area;
-        if (wb >= -1e-9 && wc >= -1e-9 && wb + wc <= 1 + 1e-9) found(t, x, y, wb, wc);
-      }
-    }
-  }
-}
+/** @typedef {import("./image_filters.js").ImageFilters} ImageFilters */
 
 /** The point of a head at each texel of an atlas of `size` texels a side. */
 export class Atlas {
   /**
+   * @param {ImageFilters} filters
    * @param {Head} head
    * @param {number} size
    */
-  constructor(head, size) {
+  constructor(filters, head, size) {
     this.head = head;
     this.size = size;
-    /** first corner of the triangle at each texel in `head.triangles`, -1: none */
-    this.owner = new Int32Array(size * size).fill(-1);
-    this.weights = new Float32Array(2 * size * size);
-    /** @type {number[]} */
-    const shown = [];
-    for (let t = 0; t < head.triangles.length; t += 3) {
-      if ([0, 1, 2].some((k) => head.opacity[head.triangles[t + k]] > 0)) shown.push(t);
+    const { opacity, triangles, textureCoordinates } = head;
+    const shown = new Int32Array(triangles.length / 3);
+    const corners = new Float64Array(2 * triangles.length);
+    let count = 0;
+    for (let t = 0; t < triangles.length; t += 3) {
+      if (!(opacity[triangles[t]] || opacity[triangles[t + 1]] || opacity[triangles[t + 2]]))
+        continue;
+      for (let k = 0; k < 6; k++)
+        corners[6 * count + k] = textureCoordinates[2 * triangles[t + (k >> 1)] + (k & 1)];
+      shown[count++] = t;
     }
-    const corners = shown.flatMap((t) =>
-      [0, 1, 2].flatMap((k) => {
-        const v = head.triangles[t + k];
-        return [0, 1].map((axis) => head.textureCoordinates[2 * v + axis] * size - 0.5);
-      }),
-    );
-    coverPoints(corners, size, size, (triangle, column, row, wb, wc) => {
-      const at = row * size + column;
-      this.owner[at] = shown[triangle];
-      this.weights[2 * at] = wb;
-      this.weights[2 * at + 1] = wc;
-    });
+    const { owner, weights } = filters.covered(corners.subarray(0, 6 * count), size);
+    /** first corner of the triangle at each texel in `head.triangles`, -1: none */
+    this.owner = owner.map((triangle) => (triangle < 0 ? -1 : shown[triangle]));
+    /** of the second and the third corner */
+    this.weights = weights;
   }
 
   /**

@@ -11,7 +11,8 @@ import { layerOpacity, maskOpacity } from "./soft_mask.js";
 
 /** @typedef {import("../format/pictures/background.js").MotionFields} MotionFields */
 /** @typedef {import("../format/pictures/picture.js").Image} Image */
-/** @typedef {import("../format/pictures/probability_network.js").ProbabilityNetworks} ProbabilityNetworks */
+/** @typedef {import("./image_filters.js").ImageFilters} ImageFilters */
+/** @typedef {import("../format/pictures/picture_codec.js").PictureCodec} PictureCodec */
 /** R, G, B and alpha, row by row. @typedef {{height: number, width: number, values: Uint8ClampedArray}} Bitmap */
 /** Decodes a picture; its name is for messages. @typedef {(data: Uint8Array, name: string) => Promise<Image>} DecodeImage */
 /**
@@ -42,14 +43,15 @@ function bitmapOf({ height, width, values }, alpha) {
 
 /**
  * Decode the background of a model whose pictures have this size.
- * @param {ProbabilityNetworks} networks
+ * @param {PictureCodec} codec
+ * @param {ImageFilters} filters
  * @param {DecodeImage} decodeImage
  * @param {Uint8Array} data
  * @param {number} width
  * @param {number} height
  * @returns {Promise<BackgroundPictures>}
  */
-export async function decodeBackground(networks, decodeImage, data, width, height) {
+export async function decodeBackground(codec, filters, decodeImage, data, width, height) {
   const nothing = {
     still: null,
     fields: null,
@@ -62,38 +64,52 @@ export async function decodeBackground(networks, decodeImage, data, width, heigh
     const black = { height: 2, width: 2, values: new Float32Array(12) };
     return { ...nothing, moving: bitmapOf(black, null) };
   }
-  if (isLayered(data)) return decodeLayers(networks, decodeImage, data, width, height);
+  if (isLayered(data)) return decodeLayers(codec, filters, decodeImage, data, width, height);
   const { mask, maskSide, picture } = parseBackground(data);
   const image = await decodeImage(picture, "background");
   if (!mask) return { ...nothing, moving: bitmapOf(image, null) };
-  const { alpha, isClear } = maskOpacity(mask, maskSide, image.height, image.width);
+  const { alpha, isClear } = maskOpacity(filters, mask, maskSide, image.height, image.width);
   const colours = { ...image, channels: 3, values: image.values.map(toByte) };
   const still = pullPushFill(colours, isClear);
   return { ...nothing, moving: bitmapOf(image, alpha), still: bitmapOf(still, null) };
 }
 
 /**
- * @param {ProbabilityNetworks} networks
+ * @param {PictureCodec} codec
+ * @param {ImageFilters} filters
  * @param {DecodeImage} decodeImage
  * @param {Uint8Array} data
  * @param {number} width
  * @param {number} height
  * @returns {Promise<BackgroundPictures>}
  */
-async function decodeLayers(networks, decodeImage, data, width, height) {
+async function decodeLayers(codec, filters, decodeImage, data, width, height) {
   const layers = parseLayers(data, width, height);
   const person = await decodeImage(layers.person, "person");
   const scene = await decodeImage(layers.scene, "scene");
-  const alpha = layerOpacity(layers.mask, layers.maskSide, person.height, person.width);
+  const alpha = layerOpacity(filters, layers.mask, layers.maskSide, person.height, person.width);
   const size = changeSize(width, height);
-  const decoder = modeDecoder(networks, size.rows, size.columns, new Uint8Array(0));
   return {
     moving: bitmapOf(person, alpha),
     still: bitmapOf(scene, null),
     fields: layers.fields,
-    changes: layers.changes.map((change, i) => decoder.decode(change, `change ${i}`).values),
+    changes: decodeChanges(codec, layers.changes, size),
     changeSize: size,
     sceneMoves: layers.sceneMoves,
     lightChanges: layers.lightChanges,
   };
+}
+
+/**
+ * @param {PictureCodec} codec
+ * @param {Uint8Array[]} changes
+ * @param {{rows: number, columns: number}} size
+ */
+function decodeChanges(codec, changes, { rows, columns }) {
+  const decoder = modeDecoder(codec, rows, columns, new Uint8Array(0));
+  try {
+    return changes.map((change, i) => decoder.decode(change, `change ${i}`).values);
+  } finally {
+    decoder.close();
+  }
 }

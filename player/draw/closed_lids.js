@@ -3,9 +3,9 @@
 import { BLUE, GREEN, RED } from "../format/pictures/picture.js";
 import { PARTS } from "../model/head.js";
 import { LIDS, smoothstep } from "../model/parameters.js";
-import { blurred, emptyRaster } from "./image_filters.js";
 
 /** @typedef {import("./atlas.js").Atlas} Atlas */
+/** @typedef {import("./image_filters.js").ImageFilters} ImageFilters */
 /**
  * The closed lids of a caller in their texture.
  * @typedef {object} Lids
@@ -80,27 +80,29 @@ function relativeMotion(field, count) {
 
 /**
  * The lids of a caller.
+ * @param {ImageFilters} filters
  * @param {Uint8Array} mean (size, size, 3) R, G, B
  * @param {Atlas} atlas
  * @returns {Lids}
  */
-export function lidsOf(mean, atlas) {
+export function lidsOf(filters, mean, atlas) {
   const { size } = atlas;
   const { weights, isAround, area } = new LidTexels(atlas);
-  const known = emptyRaster(size, size, 4);
-  for (let i = 0; i < known.values.length; i++) {
-    const at = i >> 2;
-    const c = i & 3;
-    known.values[i] = isAround[at] * (c < 3 ? mean[3 * at + c] : 1);
-  }
-  const sums = blurred(known, REACH * size).values;
+  const plane = new Float32Array(size * size);
+  const [reds, greens, blues, counts] = [0, 1, 2, 3].map((c) => {
+    for (let at = 0; at < plane.length; at++)
+      plane[at] = isAround[at] * (c < 3 ? mean[3 * at + c] : 1);
+    return filters.blurred({ height: size, width: size, values: plane }, REACH * size).values;
+  });
   const light = new Float32Array(3 * size * size);
   const least = new Float32Array(size * size);
   for (let at = 0; at < size * size; at++) {
-    const count = Math.max(sums[4 * at + 3], 1e-3);
-    const sum = RED * sums[4 * at] + GREEN * sums[4 * at + 1] + BLUE * sums[4 * at + 2];
+    const count = Math.max(counts[at], 1e-3);
+    const sum = RED * reds[at] + GREEN * greens[at] + BLUE * blues[at];
     const luma = Math.max(sum / count, 1);
-    for (let c = 0; c < 3; c++) light[3 * at + c] = sums[4 * at + c] / count / luma;
+    light[3 * at] = reds[at] / count / luma;
+    light[3 * at + 1] = greens[at] / count / luma;
+    light[3 * at + 2] = blues[at] / count / luma;
     least[at] = LEAST_LIGHT * luma;
   }
   return { size, area, weights, light, least };
@@ -108,22 +110,24 @@ export function lidsOf(mean, atlas) {
 
 /**
  * Lighten the lids of a texture, the more an eye closes.
+ * @param {ImageFilters} filters
  * @param {Lids} own
  * @param {Uint8ClampedArray} texture (size, size, 4), written
  * @param {ArrayLike<number>} lids actuators of the left and the right one, 1 closed
  */
-export function lightenLids({ size, area, weights, light, least }, texture, lids) {
+export function lightenLids(filters, { size, area, weights, light, least }, texture, lids) {
   const closed = [0, 1].map((i) => smoothstep((lids[i] - CLOSING) / (CLOSED - CLOSING)));
   if (!closed[0] && !closed[1]) return;
   const { left, right, top, bottom } = area;
-  const luma = emptyRaster(bottom - top, right - left, 1);
+  const [height, width] = [bottom - top, right - left];
+  const luma = { height, width, values: new Float32Array(height * width) };
   const place = (/** @type {number} */ k) =>
     (top + Math.floor(k / luma.width)) * size + left + (k % luma.width);
   for (let k = 0; k < luma.values.length; k++) {
     const p = 4 * place(k);
     luma.values[k] = RED * texture[p] + GREEN * texture[p + 1] + BLUE * texture[p + 2];
   }
-  const smooth = blurred(luma, NEAR * size).values;
+  const smooth = filters.blurred(luma, NEAR * size).values;
   for (let k = 0; k < smooth.length; k++) {
     const at = place(k);
     const weight = closed[0] * weights[0][at] + closed[1] * weights[1][at];

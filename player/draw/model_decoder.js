@@ -1,8 +1,9 @@
 import { sameBytes } from "../format/bytes.js";
-import { ProbabilityNetworks } from "../format/pictures/probability_network.js";
+import { PictureCodec } from "../format/pictures/picture_codec.js";
 import { Heads } from "../model/heads.js";
 import { AppearanceDecoder } from "./appearance.js";
 import { decodeBackground } from "./background_pictures.js";
+import { ImageFilters } from "./image_filters.js";
 import { decodeImage } from "./images.js";
 
 /** @typedef {import("../data_file.js").Arrays} Arrays */
@@ -35,18 +36,31 @@ import { decodeImage } from "./images.js";
 export class ModelDecoder {
   /**
    * @param {Arrays} data
+   * @param {PictureCodec} codec
+   * @param {ImageFilters} filters
    * @param {DecodeWebp} decodeWebp
    */
-  constructor(data, decodeWebp) {
-    this.decodeWebp = decodeWebp;
-    this.networks = new ProbabilityNetworks(/** @type {Map<string, Int32Array>} */ (data));
+  constructor(data, codec, filters, decodeWebp) {
     this.data = data;
+    this.codec = codec;
+    this.filters = filters;
+    this.decodeWebp = decodeWebp;
     /** @type {Heads | null} made when it is needed: after the first pictures */
     this.heads = null;
     /** @type {AppearanceDecoder | null} */
     this.appearance = null;
     /** @type {Uint8Array} of the model before */
     this.background = new Uint8Array(0);
+  }
+
+  /**
+   * One by the player's data file.
+   * @param {Arrays} data
+   * @param {DecodeWebp} decodeWebp
+   */
+  static async load(data, decodeWebp) {
+    const [codec, filters] = await Promise.all([PictureCodec.load(data), ImageFilters.load(data)]);
+    return new ModelDecoder(data, codec, filters, decodeWebp);
   }
 
   /**
@@ -59,14 +73,14 @@ export class ModelDecoder {
     let mean = null;
     if (!this.appearance?.isOf(texture, modes)) {
       const image = await this.#image(texture, "texture");
-      this.appearance = new AppearanceDecoder(this.networks, texture, image, isThesis);
+      this.appearance?.close();
+      this.appearance = null;
+      this.appearance = new AppearanceDecoder(this.codec, this.filters, texture, image, isThesis);
       mean = this.appearance.mean;
     }
     let pictures = null;
     if (!this.background.length || !sameBytes(this.background, background)) {
-      const decode = (/** @type {Uint8Array} */ data, /** @type {string} */ name) =>
-        this.#image(data, name);
-      pictures = await decodeBackground(this.networks, decode, background, width, height);
+      pictures = await this.#background(background, width, height);
       this.background = background;
     }
     /** @type {DecodedStep} */
@@ -82,9 +96,20 @@ export class ModelDecoder {
 
   /**
    * @param {Uint8Array} data
+   * @param {number} width
+   * @param {number} height
+   */
+  #background(data, width, height) {
+    const image = (/** @type {Uint8Array} */ own, /** @type {string} */ name) =>
+      this.#image(own, name);
+    return decodeBackground(this.codec, this.filters, image, data, width, height);
+  }
+
+  /**
+   * @param {Uint8Array} data
    * @param {string} name
    */
   #image(data, name) {
-    return decodeImage(this.networks, this.decodeWebp, data, name);
+    return decodeImage(this.codec, this.decodeWebp, data, name);
   }
 }

@@ -1,5 +1,7 @@
 // The opacity of the person in a picture, from their mask.
-import { blurred, emptyRaster, gaussian, resized } from "./image_filters.js";
+import { emptyRaster, gaussian } from "./image_filters.js";
+
+/** @typedef {import("./image_filters.js").ImageFilters} ImageFilters */
 
 /** Of a background with layers, see `shared_model/layers/soft_mask.py`. */
 const FEATHER_SIGMA = 1.5;
@@ -19,17 +21,18 @@ function rasterOf(mask, side) {
 
 /**
  * The opacity (height, width), 0..1, of the person of a background with layers.
+ * @param {ImageFilters} filters
  * @param {Uint8Array} mask
  * @param {number} side
  * @param {number} height
  * @param {number} width
  */
-export function layerOpacity(mask, side, height, width) {
+export function layerOpacity(filters, mask, side, height, width) {
   const soft = feathered(mask, side);
   const [low, high] = OPACITY_RANGE;
-  return resized(soft, height, width).values.map((value) =>
-    Math.min(Math.max((value - low) / (high - low), 0), 1),
-  );
+  return filters
+    .resized(soft, height, width)
+    .values.map((value) => Math.min(Math.max((value - low) / (high - low), 0), 1));
 }
 
 /**
@@ -39,34 +42,53 @@ export function layerOpacity(mask, side, height, width) {
  */
 function feathered(mask, side) {
   const weights = gaussian(FEATHER_SIGMA, FEATHER_REACH);
-  let raster = rasterOf(mask, side);
-  for (const step of [side, 1]) {
-    const { values } = raster;
-    const result = emptyRaster(side, side, 1);
-    for (let at = 0; at < side * side; at++) {
-      const place = step === 1 ? at % side : Math.floor(at / side);
-      let sum = 0;
-      for (let i = 0; i < weights.length; i++) {
-        const other = Math.min(Math.max(place + i - FEATHER_REACH, 0), side - 1);
-        sum += weights[i] * values[at + (other - place) * step];
-      }
-      result.values[at] = sum;
-    }
-    raster = result;
+  const raster = rasterOf(mask, side);
+  const line = new Float32Array(side + 2 * FEATHER_REACH);
+  for (const [step, next] of [
+    [side, 1],
+    [1, side],
+  ]) {
+    for (let i = 0; i < side; i++) featherLine(raster.values, i * next, step, weights, line);
   }
   return raster;
 }
 
 /**
+ * Blur a row or a column.
+ * @param {Float32Array} values changed
+ * @param {number} start of the line in them
+ * @param {number} step from one of its values to the next
+ * @param {Float64Array} weights
+ * @param {Float32Array} line room for it, with the last values repeated beyond its ends
+ */
+function featherLine(values, start, step, weights, line) {
+  const side = line.length - 2 * FEATHER_REACH;
+  for (let k = 0; k < line.length; k++) {
+    const place = Math.min(Math.max(k - FEATHER_REACH, 0), side - 1);
+    line[k] = values[start + place * step];
+  }
+  for (let k = 0; k < side; k++) {
+    let sum = 0;
+    for (let i = 0; i < weights.length; i++) sum += weights[i] * line[k + i];
+    values[start + k * step] = sum;
+  }
+}
+
+/**
  * Of a background with a mask alone: the opacity (height, width), 0..1, of what moves with the
  * head, and where nothing of it is.
+ * @param {ImageFilters} filters
  * @param {Uint8Array} mask
  * @param {number} side
  * @param {number} height
  * @param {number} width
  */
-export function maskOpacity(mask, side, height, width) {
-  const soft = resized(blurred(rasterOf(mask, side), FEATHER_SIGMA), height, width).values;
+export function maskOpacity(filters, mask, side, height, width) {
+  const soft = filters.resized(
+    filters.blurred(rasterOf(mask, side), FEATHER_SIGMA),
+    height,
+    width,
+  ).values;
   const [low, high] = ALPHA_RANGE;
   return {
     alpha: soft.map((value) => Math.min(Math.max((value - low) / (high - low), 0), 1)),

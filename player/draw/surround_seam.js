@@ -13,7 +13,6 @@ const MOST_BLEND = 0.5;
  * @param {Image} image square
  */
 export function blendSurroundSeam({ height: size, values }) {
-  const before = values.slice();
   const strip = Math.floor(STRIP_WIDTH * size);
   for (let i = 0; i < size; i++) {
     const along = ((i + 0.5) / size - STRIP_ROWS[0]) / (STRIP_ROWS[1] - STRIP_ROWS[0]);
@@ -22,12 +21,12 @@ export function blendSurroundSeam({ height: size, values }) {
     const below = (BLEND_FROM_DEG - direction) / (BLEND_FROM_DEG - DIRECTIONS_DEG[1]);
     const weight = MOST_BLEND * Math.min(Math.max(below, 0), 1);
     if (!weight) continue;
-    for (let j = 0; j < size; j++) {
-      if (Math.min(j, size - 1 - j) >= strip) continue;
-      for (let c = 0; c < 3; c++) {
-        const own = 3 * (i * size + j) + c;
-        values[own] += weight * (before[3 * (i * size + size - 1 - j) + c] - before[own]);
-      }
+    for (let k = 0; k < 3 * strip; k++) {
+      const left = 3 * i * size + k;
+      const right = 3 * (i * size + size - 1 - Math.floor(k / 3)) + (k % 3);
+      const difference = weight * (values[right] - values[left]);
+      values[left] += difference;
+      values[right] -= difference;
     }
   }
 }

@@ -1,4 +1,5 @@
 import { FormatError } from "../format/errors.js";
+import { hasWebAssembly } from "../format/pictures/picture_codec.js";
 import { runDecodeWorker } from "../page/decode_worker.js";
 import { element, fullScreenSwitch } from "../page/elements.js";
 import { CallPlayer } from "./call_player.js";
@@ -122,6 +123,10 @@ function voiceOf(file) {
  */
 function openLetter({ script, data, call, sound }) {
   const message = element("message", HTMLParagraphElement);
+  if (!hasWebAssembly()) {
+    message.textContent = "This browser cannot decode the letter: it has no WebAssembly.";
+    return;
+  }
   try {
     const worker = new Worker(script);
     const canvas = element("picture", HTMLCanvasElement);

@@ -1,4 +1,4 @@
-import { FormatError } from "../format/errors.js";
+import { array } from "../data_file.js";
 
 /** @typedef {import("../data_file.js").Arrays} Arrays */
 /**
@@ -32,28 +32,29 @@ const FIELD_STEP_MM = 1 / 16;
 const TEXTURE_STEP = 1 / 32767;
 
 /**
- * @param {Arrays} data
- * @param {string} name
- */
-export function array(data, name) {
-  const found = data.get(name);
-  if (!found) throw new FormatError(`the player's data file lacks ${name}`);
-  return found;
-}
-
-/**
  * Values (n, columns), row by row, of what is stored by column in steps.
+ * @template {Float32Array | Float64Array | Int32Array} T
  * @param {ArrayLike<number>} stored
  * @param {number} columns
  * @param {number} step
+ * @param {T} values written
  */
-function rowsOf(stored, columns, step) {
+function rowsOf(stored, columns, step, values) {
   const count = stored.length / columns;
-  const values = new Float64Array(stored.length);
   for (let i = 0; i < count; i++) {
     for (let k = 0; k < columns; k++) values[columns * i + k] = stored[k * count + i] * step;
   }
   return values;
+}
+
+/**
+ * The same in float64.
+ * @param {ArrayLike<number>} stored
+ * @param {number} columns
+ * @param {number} step
+ */
+function rows64(stored, columns, step) {
+  return rowsOf(stored, columns, step, new Float64Array(stored.length));
 }
 
 /**
@@ -62,25 +63,27 @@ function rowsOf(stored, columns, step) {
  * @returns {Head}
  */
 export function genericHead(data) {
-  const vertices = rowsOf(array(data, "vertices"), 3, POSITION_STEP_MM);
+  const vertices = rows64(array(data, "vertices"), 3, POSITION_STEP_MM);
+  const triangles = array(data, "triangles");
   const fields = (/** @type {string} */ name) => {
     const stored = array(data, name);
     const size = vertices.length;
-    return Array.from({ length: stored.length / size }, (_, i) =>
-      Float32Array.from(rowsOf(stored.subarray(i * size, (i + 1) * size), 3, FIELD_STEP_MM)),
-    );
+    return Array.from({ length: stored.length / size }, (_, i) => {
+      const own = stored.subarray(i * size, (i + 1) * size);
+      return rowsOf(own, 3, FIELD_STEP_MM, new Float32Array(size));
+    });
   };
   return {
     count: vertices.length / 3,
     vertices,
-    triangles: Int32Array.from(rowsOf(array(data, "triangles"), 3, 1)),
-    textureCoordinates: rowsOf(array(data, "texture_coordinates"), 2, TEXTURE_STEP),
-    parts: Uint8Array.from(array(data, "parts")),
-    opacity: Float64Array.from(array(data, "opacity")),
+    triangles: rowsOf(triangles, 3, 1, new Int32Array(triangles.length)),
+    textureCoordinates: rows64(array(data, "texture_coordinates"), 2, TEXTURE_STEP),
+    parts: new Uint8Array(array(data, "parts")),
+    opacity: new Float64Array(array(data, "opacity")),
     eauUp: fields("eau_up"),
     eauDown: fields("eau_down"),
     aau: fields("aau"),
-    lips: Int32Array.from(array(data, "landmarks").subarray(1)),
+    lips: new Int32Array(array(data, "landmarks").subarray(1)),
   };
 }
 
@@ -95,17 +98,17 @@ export function headWithSurround(data, generic) {
   const rims = array(data, "rim_depths");
   const vertices = carried.rows(generic.vertices, 3);
   for (const [i, depth] of rims.entries()) vertices[3 * (generic.count + i) + 2] -= depth;
-  const around = rowsOf(array(data, "surround_vertices"), 3, POSITION_STEP_MM);
+  const around = rows64(array(data, "surround_vertices"), 3, POSITION_STEP_MM);
   vertices.set(around, vertices.length - around.length);
   const fields = (/** @type {Float32Array[]} */ each) =>
-    each.map((field) => Float32Array.from(carried.rows(field, 3)));
+    each.map((field) => new Float32Array(carried.rows(field, 3)));
   return {
     count: carried.count,
     vertices,
     triangles: surroundTriangles(data, generic),
     textureCoordinates: surroundTexture(data, generic),
-    parts: Uint8Array.from(array(data, "surround_parts")),
-    opacity: Float64Array.from(array(data, "surround_opacity")),
+    parts: new Uint8Array(array(data, "surround_parts")),
+    opacity: new Float64Array(array(data, "surround_opacity")),
     eauUp: fields(generic.eauUp),
     eauDown: fields(generic.eauDown),
     aau: fields(generic.aau),
@@ -166,9 +169,13 @@ class Carried {
 function surroundTriangles(data, generic) {
   const kept = array(data, "surround_kept_triangles");
   const own = generic.triangles.filter((_, i) => kept[Math.floor(i / 3)]);
-  const around = rowsOf(array(data, "surround_triangles"), 3, 1);
-  const sheets = rowsOf(array(data, "sheet_triangles"), 3, 1);
-  return Int32Array.from([...around, ...own, ...sheets]);
+  const around = rows64(array(data, "surround_triangles"), 3, 1);
+  const sheets = rows64(array(data, "sheet_triangles"), 3, 1);
+  const all = new Int32Array(around.length + own.length + sheets.length);
+  all.set(around);
+  all.set(own, around.length);
+  all.set(sheets, around.length + own.length);
+  return all;
 }
 
 /**
@@ -180,6 +187,9 @@ function surroundTexture(data, generic) {
   const own = generic.textureCoordinates.map((value, i) =>
     i % 2 ? value : strip + (1 - 2 * strip) * value,
   );
-  const added = rowsOf(array(data, "added_texture_coordinates"), 2, TEXTURE_STEP);
-  return Float64Array.from([...own, ...added]);
+  const added = rows64(array(data, "added_texture_coordinates"), 2, TEXTURE_STEP);
+  const all = new Float64Array(own.length + added.length);
+  all.set(own);
+  all.set(added, own.length);
+  return all;
 }

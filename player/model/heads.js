@@ -1,5 +1,6 @@
+import { array } from "../data_file.js";
 import { check } from "../format/errors.js";
-import { array, carriedValues, genericHead, headWithSurround } from "./head.js";
+import { carriedValues, genericHead, headWithSurround } from "./head.js";
 import { RESIDUAL_STEP_MM } from "./parameters.js";
 import { residualShape } from "./shape_residual.js";
 

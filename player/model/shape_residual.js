@@ -1,4 +1,4 @@
-import { array } from "./head.js";
+import { array } from "../data_file.js";
 import { JAW_DROP } from "./parameters.js";
 
 /** @typedef {import("../data_file.js").Arrays} Arrays */

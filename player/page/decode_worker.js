@@ -26,15 +26,11 @@ async function decodeWebp(data) {
 
 /** Decode in this worker, one model after another in the order of the messages. */
 export function runDecodeWorker() {
-  /** @type {ModelDecoder | null} */
-  let decoder = null;
-  let turn = Promise.resolve();
+  /** @type {Promise<ModelDecoder>} which has answered what has been asked for */
+  let decoder;
   self.onmessage = (/** @type {MessageEvent<Order>} */ { data: order }) => {
-    if ("data" in order) decoder = new ModelDecoder(readDataFile(order.data), decodeWebp);
-    else if (decoder) {
-      const own = decoder;
-      turn = turn.then(() => answer(own, order));
-    }
+    if ("data" in order) decoder = ModelDecoder.load(readDataFile(order.data), decodeWebp);
+    else decoder = decoder.then((own) => answer(own, order));
   };
 }
 
@@ -44,9 +40,24 @@ export function runDecodeWorker() {
  */
 async function answer(decoder, order) {
   try {
-    for await (const step of decoder.decode(order)) postMessage(step);
+    for await (const step of decoder.decode(order))
+      postMessage(step, { transfer: buffersOf(step) });
   } catch (error) {
     if (!(error instanceof FormatError)) throw error;
     postMessage({ error: error.message });
   }
+  return decoder;
+}
+
+/**
+ * Of a step, what the decoder has no more use for: it is given away rather than copied.
+ * @param {DecodedStep} step
+ */
+function buffersOf({ details, modes, background }) {
+  const limits = details ? [details.limits.low, details.limits.high] : [];
+  const lids = details ? [...details.lids.weights, details.lids.light, details.lids.least] : [];
+  const bitmaps = background ? [background.moving.values, background.still?.values] : [];
+  const changes = background?.changes ?? [];
+  const arrays = [...limits, ...lids, ...modes, ...bitmaps, ...changes];
+  return arrays.flatMap((values) => (values ? [/** @type {ArrayBuffer} */ (values.buffer)] : []));
 }

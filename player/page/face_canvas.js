@@ -1,4 +1,5 @@
 import { readDataFile } from "../data_file.js";
+import { ImageFilters } from "../draw/image_filters.js";
 import { prepareToDraw } from "../draw/renderer.js";
 import { Scene } from "../draw/scene.js";
 import { SceneGeometry } from "../draw/scene_geometry.js";
@@ -27,7 +28,14 @@ export class FaceCanvas {
     this.canvas = canvas;
     const options = { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true };
     this.gl = /** @type {WebGL2RenderingContext | null} */ (canvas.getContext("webgl2", options));
-    this.heads = new Heads(readDataFile(data));
+    const arrays = readDataFile(data);
+    this.heads = new Heads(arrays);
+    /** @type {ImageFilters | null} null until they have been compiled */
+    this.filters = null;
+    ImageFilters.load(arrays).then((filters) => {
+      this.filters = filters;
+      this.onStep();
+    });
     this.kept = kept;
     /** @type {Map<CodedModel, ModelPictures | undefined>} as far as they have been decoded, in the order in which they came */
     this.pictures = new Map();
@@ -51,7 +59,7 @@ export class FaceCanvas {
 
   /** Whether all models have been decoded. */
   get isDecoded() {
-    return !this.waiting.length;
+    return this.filters !== null && !this.waiting.length;
   }
 
   /**
@@ -98,7 +106,7 @@ export class FaceCanvas {
    */
   draw(coded, frame) {
     const pictures = this.pictures.get(coded);
-    if (!pictures || !this.gl) return false;
+    if (!pictures || !this.gl || !this.filters) return false;
     const { width, height } = coded.model.call;
     if (this.canvas.width !== width || this.canvas.height !== height) {
       this.canvas.width = width;
@@ -106,7 +114,13 @@ export class FaceCanvas {
     }
     if (!this.scene?.draws(coded.model, pictures)) {
       this.scene?.close();
-      this.scene = new Scene(this.gl, this.#geometryOf(coded.model), coded.model, pictures);
+      this.scene = new Scene(
+        this.gl,
+        this.filters,
+        this.#geometryOf(coded.model),
+        coded.model,
+        pictures,
+      );
     }
     this.scene.setAppearance(pictures);
     this.#drawFrame(this.scene, frame);

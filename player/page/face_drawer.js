@@ -1,3 +1,4 @@
+import { hasWebAssembly } from "../format/pictures/picture_codec.js";
 import { PlayoutDelay } from "../playout/playout_delay.js";
 import { runDecodeWorker } from "./decode_worker.js";
 import { FaceCanvas, KEPT_MODELS } from "./face_canvas.js";
@@ -60,7 +61,7 @@ function canDraw(isForced) {
   );
   const info = gl?.getExtension("WEBGL_debug_renderer_info");
   const renderer = info ? gl?.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
-  return gl !== null && (isForced || !SOFTWARE.test(renderer));
+  return gl !== null && hasWebAssembly() && (isForced || !SOFTWARE.test(renderer));
 }
 
 if (typeof document === "undefined") runDecodeWorker();

@@ -1,4 +1,5 @@
 import { FormatError } from "../format/errors.js";
+import { hasWebAssembly } from "../format/pictures/picture_codec.js";
 import { DeliveryReceiver } from "../link/delivery_receiver.js";
 import { parseKey } from "../link/invitation.js";
 import { SESSION_BYTES } from "../link/messages.js";
@@ -128,6 +129,7 @@ async function start() {
   const canvas = element("picture", HTMLCanvasElement);
   try {
     const key = location.hash.length > 1 ? parseKey(location.hash.slice(1)) : null;
+    if (!hasWebAssembly()) throw new FormatError("this browser has no WebAssembly");
     const data = await (await fetch("/player.bin")).arrayBuffer();
     const script = /** @type {HTMLScriptElement} */ (document.querySelector("script[src]")).src;
     const faces = new FaceCanvas(canvas, data, new Worker(script));

@@ -24,8 +24,9 @@ FOREIGN_SITES = ("cross-site", "same-site")
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline';"
-        " img-src 'self' blob: data:; media-src blob:; worker-src 'self'; connect-src 'self';"
+        "default-src 'none'; script-src 'self' 'wasm-unsafe-eval';"
+        " style-src 'self' 'unsafe-inline'; img-src 'self' blob: data:; media-src blob:;"
+        " worker-src 'self'; connect-src 'self';"
         " frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
     ),
     "Cross-Origin-Opener-Policy": "same-origin",

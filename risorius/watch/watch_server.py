@@ -33,8 +33,8 @@ MAX_WAITING = 512
 MAX_PAGES = 2000
 # Of other pages the style sheets may be in the page, and pictures and sounds are made by scripts.
 POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; worker-src 'self';"
-    " connect-src 'self'; frame-ancestors 'none'; base-uri 'none'"
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src data:;"
+    " worker-src 'self'; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'"
 )
 WATCH_HEADERS = {**HEADERS, "Content-Security-Policy": POLICY}
 # Parts of the page by their paths in the player.

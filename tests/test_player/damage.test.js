@@ -80,7 +80,7 @@ async function drawable(frames) {
     assert.ok(frame.face.pose.translation.every(Number.isFinite));
     assert.ok(frame.face.eau.every(Number.isFinite));
   }
-  const decoder = new ModelDecoder(DATA, noWebp);
+  const decoder = await ModelDecoder.load(DATA, noWebp);
   for (const received of modelsOf(frames)) {
     try {
       for await (const step of decoder.decode(codedPictures(received))) assert.ok(step);

@@ -127,7 +127,7 @@ async function decodeWith(name, data, next) {
     throw new FormatError("no WebP here");
   };
   const coded = { ...codedPictures(received), [name]: data };
-  for await (const step of new ModelDecoder(DATA, noWebp).decode(coded)) assert.ok(step);
+  for await (const step of (await ModelDecoder.load(DATA, noWebp)).decode(coded)) assert.ok(step);
 }
 
 for (const name of /** @type {const} */ (["texture", "background"])) {

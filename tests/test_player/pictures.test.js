@@ -10,7 +10,7 @@ import { decodePicture, modeDecoder } from "../../player/format/pictures/picture
 import { ResidualPictures } from "../../player/format/residual/inverse_transform.js";
 import { parseTiles } from "../../player/format/residual/tile_decoder.js";
 import { readCall } from "../../player/playout/call.js";
-import { hex, json, NETWORKS } from "./vectors.js";
+import { CODEC, hex, json } from "./vectors.js";
 
 /** @typedef {import("../../player/format/pictures/picture.js").Image} Image */
 
@@ -20,8 +20,8 @@ for (const name of ["call_default", "call_thesis"]) {
     const expected = json(`${name}.json`).pictures;
     const { mask, maskSide, picture } = parseBackground(model.background);
     checkMask(mask ?? new Uint8Array(0), maskSide, expected.mask);
-    checkPicture(decodePicture(NETWORKS, picture, "background", 1024), expected.background);
-    checkPicture(decodePicture(NETWORKS, model.texture, "texture", 1024), expected.texture);
+    checkPicture(decodePicture(CODEC, picture, "background", 1024), expected.background);
+    checkPicture(decodePicture(CODEC, model.texture, "texture", 1024), expected.texture);
   });
 }
 
@@ -34,10 +34,10 @@ test("call_layers: person, scene, motion fields and changes", () => {
   checkMask(layers.mask, layers.maskSide, expected.mask);
   assert.deepEqual([...layers.fields.codes], expected.fields.flat(3));
   const { rows, columns } = changeSize(width, height);
-  const changes = modeDecoder(NETWORKS, rows, columns, new Uint8Array(0));
+  const changes = modeDecoder(CODEC, rows, columns, new Uint8Array(0));
   const pictures = [
-    decodePicture(NETWORKS, layers.person, "person", 1024),
-    decodePicture(NETWORKS, layers.scene, "scene", 1024),
+    decodePicture(CODEC, layers.person, "person", 1024),
+    decodePicture(CODEC, layers.scene, "scene", 1024),
     ...layers.changes.map((change) => changes.decode(change, "change")),
   ];
   for (const [i, picture] of pictures.entries()) {

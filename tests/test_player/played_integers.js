@@ -21,11 +21,9 @@ import { parseTiles } from "../../player/format/residual/tile_decoder.js";
 import { playCall } from "../../player/playout/call.js";
 import { FrameDecoder } from "../../player/playout/frame_decoder.js";
 import { Receiver } from "../../player/playout/receiver.js";
-import { bytesOf, NETWORKS } from "./vectors.js";
+import { bytesOf, CODEC } from "./vectors.js";
 
 /** @typedef {import("../../player/format/model_packet.js").CallParameters} CallParameters */
-/** @typedef {import("../../player/format/pictures/bands.js").Band} Band */
-/** @typedef {import("../../player/format/pictures/bands.js").Pyramid} Pyramid */
 /** @typedef {import("../../player/playout/playout.js").PlayoutFrame} PlayoutFrame */
 /** @typedef {import("../../player/playout/received_models.js").ReceivedModel} ReceivedModel */
 /** A frame and the event at which it was shown. @typedef {{event: number, frame: PlayoutFrame}} Shown */
@@ -211,12 +209,14 @@ function textureCrcs({ model, modes }) {
   const found = [pictureCrc(model.texture)];
   if (model.call.isThesis || !isPicture(model.texture)) return found;
   const { height, width, weightMap } = parsePictureHeader(model.texture, "texture");
-  const decoder = modeDecoder(NETWORKS, height, width, weightMap);
+  const decoder = modeDecoder(CODEC, height, width, weightMap);
   const missing = modes.findIndex((mode) => !mode.length);
-  for (const mode of missing < 0 ? modes : modes.slice(0, missing)) {
-    found.push(modeCrc(decoder, mode));
-  }
-  return found;
+  return closing(decoder, () => {
+    for (const mode of missing < 0 ? modes : modes.slice(0, missing)) {
+      found.push(modeCrc(decoder, mode));
+    }
+    return found;
+  });
 }
 
 /** @param {import("../../player/format/model_packet.js").ModelPacket} model */
@@ -227,8 +227,8 @@ function backgroundCrcs({ background, call: { width, height } }) {
   }
   const layers = parseLayers(background, width, height);
   const { rows, columns } = changeSize(width, height);
-  const decoder = modeDecoder(NETWORKS, rows, columns, new Uint8Array(0));
-  return [
+  const decoder = modeDecoder(CODEC, rows, columns, new Uint8Array(0));
+  return closing(decoder, () => [
     crc32([layers.mask]),
     pictureCrc(layers.person),
     pictureCrc(layers.scene),
@@ -236,7 +236,21 @@ function backgroundCrcs({ background, call: { width, height } }) {
     ...layers.changes.map((change) => modeCrc(decoder, change)),
     Number(layers.sceneMoves),
     Number(layers.lightChanges),
-  ];
+  ]);
+}
+
+/**
+ * What is found with a decoder, which is closed then.
+ * @template T
+ * @param {PictureSequence} decoder
+ * @param {() => T} find
+ */
+function closing(decoder, find) {
+  try {
+    return find();
+  } finally {
+    decoder.close();
+  }
 }
 
 /** @param {Uint8Array} data */
@@ -244,8 +258,8 @@ function pictureCrc(data) {
   if (!isPicture(data)) return -1;
   const { kind, width, height, coefficients } = parsePictureHeader(data, "picture");
   check(Math.max(width, height) <= MAX_SIDE_PX, "a picture is too large");
-  const decoder = new PictureSequence(NETWORKS, kind, height, width, null);
-  return modeCrc(decoder, coefficients);
+  const decoder = new PictureSequence(CODEC, kind, height, width, null);
+  return closing(decoder, () => modeCrc(decoder, coefficients));
 }
 
 /**
@@ -254,22 +268,13 @@ function pictureCrc(data) {
  */
 function modeCrc(decoder, data) {
   decoder.decode(data, "picture");
-  return crcOf(decoder.last.flatMap(bandsOf));
-}
-
-/** @param {Pyramid} pyramid */
-function bandsOf({ lowpass, details }) {
-  return [lowpass, ...details.flat()].map(valuesOf);
-}
-
-/** @param {Band} band */
-function valuesOf(band) {
-  const values = new Int32Array(band.height * band.width);
-  for (let i = 0; band.cells && i < band.height; i++) {
-    const from = band.place(i, 0);
-    values.set(band.cells.subarray(from, from + band.width), i * band.width);
-  }
-  return values;
+  const places = [0, 1, 2].flatMap((plane) => [
+    [plane, 0, 0],
+    ...[1, 2, 3, 4, 5].flatMap((level) => [0, 1, 2].map((band) => [plane, level, band])),
+  ]);
+  return crcOf(
+    places.map(([plane, level, band]) => decoder.compiled.coefficients(plane, level, band)),
+  );
 }
 
 /**

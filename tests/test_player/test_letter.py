@@ -89,6 +89,16 @@ def test_a_letter_of_a_damaged_call_says_so(tmp_path: Path, chromium: str) -> No
         assert "no picture" in played.message
 
 
+def test_a_browser_without_web_assembly_is_told(call: Path, tmp_path: Path, chromium: str) -> None:
+    letter = letter_of(call, tmp_path)
+    with Browser(chromium, tmp_path / "profile", 800, 600, *SOFTWARE_GL) as browser:
+        browser.call("Page.enable")
+        script = "delete window.WebAssembly"
+        browser.call("Page.addScriptToEvaluateOnNewDocument", source=script)
+        browser.call("Page.navigate", url=letter.absolute().as_uri())
+        browser.wait("document.getElementById('message')?.textContent.includes('no WebAssembly')")
+
+
 def test_a_letter_is_small(call: Path, tmp_path: Path) -> None:
     size = letter_of(call, tmp_path).stat().st_size
     assert size - 5 * call.stat().st_size / 4 < MOST_PLAYER_BYTES

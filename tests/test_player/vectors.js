@@ -1,6 +1,6 @@
 import { readFileSync } from "node:fs";
 import { readDataFile } from "../../player/data_file.js";
-import { ProbabilityNetworks } from "../../player/format/pictures/probability_network.js";
+import { PictureCodec } from "../../player/format/pictures/picture_codec.js";
 
 const VECTORS = new URL("../vectors/", import.meta.url);
 
@@ -30,4 +30,4 @@ export const DATA = readDataFile(
     Uint8Array.from(readFileSync(new URL("../../player/data/player.bin", import.meta.url))).buffer
   ),
 );
-export const NETWORKS = new ProbabilityNetworks(/** @type {Map<string, Int32Array>} */ (DATA));
+export const CODEC = await PictureCodec.load(DATA);

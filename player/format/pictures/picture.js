@@ -1,24 +1,14 @@
 import { ByteReader } from "../bytes.js";
-import { AdaptiveIntegers } from "../entropy/adaptive_models.js";
-import { RangeDecoder } from "../entropy/range_decoder.js";
 import { check } from "../errors.js";
-import { decodeBand } from "./band_decoder.js";
-import { bandOf, emptyPyramid, parentsOf } from "./bands.js";
-import { linearPlaces } from "./linear_places.js";
-import { planeOf } from "./wavelet.js";
 import { decodeWeightMap } from "./weight_map.js";
 
-/** @typedef {import("./bands.js").Band} Band */
-/** @typedef {import("./bands.js").Pyramid} Pyramid */
-/** @typedef {import("./probability_network.js").ProbabilityNetworks} ProbabilityNetworks */
+/** @typedef {import("./picture_codec.js").PictureCodec} PictureCodec */
 /**
  * A colour picture: values (height, width, 3) in the order R, G, B, row by row.
  * @typedef {{height: number, width: number, values: Float32Array}} Image
  */
 
 const KINDS = { BACKGROUND: 0, TEXTURE: 1, MODE: 2 };
-const LOWPASS = 3;
-const PLANES = 3;
 const MAX_STEP_CODE = 80;
 const TAGS = new Map([
   [0x53, KINDS.BACKGROUND],
@@ -32,23 +22,24 @@ export const RED = 0.299;
 /** Pictures of one kind and size, each decoded in the context of those before. */
 export class PictureSequence {
   /**
-   * @param {ProbabilityNetworks} networks
+   * @param {PictureCodec} codec
    * @param {number} kind
    * @param {number} height
    * @param {number} width
    * @param {Float64Array | null} weights (height, width); null: all are 1
    */
-  constructor(networks, kind, height, width, weights) {
-    this.networks = networks;
+  constructor(codec, kind, height, width, weights) {
+    this.codec = codec;
+    this.compiled = codec.take();
     this.kind = kind;
     this.height = height;
     this.width = width;
-    this.weights = weights;
-    this.pictures = 0;
-    /** @type {Pyramid[]} */
-    this.last = [];
-    /** @type {Pyramid[] | null} sums of magnitudes of all pictures so far */
-    this.totals = null;
+    this.compiled.begin(kind, height, width, weights);
+  }
+
+  /** Let another sequence have what this one works with. */
+  close() {
+    this.codec.giveBack(this.compiled);
   }
 
   /**
@@ -59,168 +50,11 @@ export class PictureSequence {
    */
   decode(data, name) {
     check(data.length && data[0] <= MAX_STEP_CODE, `${name} has no step`);
-    const decoder = new RangeDecoder(data.subarray(1));
-    const integers = new AdaptiveIntegers(2);
-    /** @type {Pyramid[]} */
-    const planes = [];
-    for (let plane = 0; plane < PLANES; plane++) {
-      const pyramid = emptyPyramid(...this.#size(plane));
-      this.#plane(decoder, planes, pyramid, integers);
-      planes.push(pyramid);
-    }
-    decoder.end(name);
-    this.#advance(planes);
-    return this.#image(planes, 2 ** (data[0] / 8));
-  }
-
-  /** @param {Pyramid[]} planes */
-  #advance(planes) {
-    const totals =
-      this.totals ?? [...planes.keys()].map((plane) => emptyPyramid(...this.#size(plane)));
-    for (const [plane, pyramid] of planes.entries()) {
-      totals[plane].lowpass.addMagnitudes(pyramid.lowpass, 1);
-      for (const [level, bands] of pyramid.details.entries()) {
-        for (const [orientation, band] of bands.entries())
-          totals[plane].details[level][orientation].addMagnitudes(band, 1);
-      }
-    }
-    this.totals = totals;
-    this.last = planes;
-    this.pictures++;
-  }
-
-  /**
-   * Height and width of a plane.
-   * @param {number} plane
-   * @returns {[number, number]}
-   */
-  #size(plane) {
-    return plane
-      ? [Math.ceil(this.height / 2), Math.ceil(this.width / 2)]
-      : [this.height, this.width];
-  }
-
-  /**
-   * @param {RangeDecoder} decoder
-   * @param {Pyramid[]} planes those before
-   * @param {Pyramid} pyramid written
-   * @param {AdaptiveIntegers} integers
-   */
-  #plane(decoder, planes, pyramid, integers) {
-    if (this.kind === KINDS.MODE) {
-      this.#band(decoder, planes, pyramid, 0, LOWPASS);
-    } else {
-      decodeLowpass(decoder, pyramid.lowpass, integers, planes.length ? 1 : 0);
-    }
-    for (const [index, level] of pyramid.details.entries()) {
-      for (const [orientation, { height, width }] of level.entries()) {
-        if (height && width) this.#band(decoder, planes, pyramid, index + 1, orientation);
-      }
-    }
-  }
-
-  /**
-   * @param {RangeDecoder} decoder
-   * @param {Pyramid[]} planes
-   * @param {Pyramid} pyramid written
-   * @param {number} level
-   * @param {number} orientation
-   */
-  #band(decoder, planes, pyramid, level, orientation) {
-    const plane = planes.length;
-    const band = bandOf(pyramid, level, orientation);
-    const parents = level > 1 ? parentsOf(pyramid.details[level - 2], orientation) : null;
-    const done = level ? pyramid.details[level - 1].slice(0, orientation).reverse() : [];
-    const beside = [
-      done[0],
-      done[1],
-      this.totals && bandOf(this.totals[plane], level, orientation),
-      this.totals && bandOf(this.last[plane], level, orientation),
-      plane && level > 1 ? bandOf(planes[0], level - 1, orientation) : null,
-      plane > 1 ? bandOf(planes[1], level, orientation) : null,
-    ].map((each) => each?.fitted(band.height, band.width) ?? null);
-    const place = { kind: this.kind, plane, level, orientation, pictures: this.pictures };
-    decodeBand(decoder, this.networks, place, band, parents, beside);
-  }
-
-  /**
-   * @param {Pyramid[]} pyramids
-   * @param {number} step
-   * @returns {Image}
-   */
-  #image(pyramids, step) {
-    const { height, width, weights } = this;
-    const [luma, first, second] = pyramids.map((pyramid) => planeOf(pyramid, step));
-    const blues = new Enlargement(first, height, width);
-    const reds = new Enlargement(second, height, width);
-    const chroma = this.kind === KINDS.MODE ? 0.3 : 0.5;
-    const offset = this.kind === KINDS.MODE ? 0 : 128;
-    const values = new Float32Array(3 * height * width);
-    for (let i = 0, at = 0; i < height; i++) {
-      const blueLine = blues.row(i);
-      const redLine = reds.row(i);
-      for (let j = 0; j < width; j++, at++) {
-        const weight = weights ? weights[at] : 1;
-        const y = Math.fround(luma.values[at] / weight + offset);
-        const blue = y + Math.fround(blueLine[j] / weight) / chroma;
-        const red = y + Math.fround(redLine[j] / weight) / chroma;
-        values[3 * at] = red;
-        values[3 * at + 1] = (y - BLUE * blue - RED * red) / GREEN;
-        values[3 * at + 2] = blue;
-      }
-    }
-    return { height, width, values };
-  }
-}
-
-/**
- * @param {RangeDecoder} decoder
- * @param {Band} band written
- * @param {AdaptiveIntegers} integers
- * @param {number} context
- */
-function decodeLowpass(decoder, band, integers, context) {
-  const { height, width, across, written } = band;
-  for (let i = 0; i < height; i++) {
-    for (let j = 0, at = band.place(i, 0); j < width; j++, at++) {
-      const known = written[at - 1] + written[at - across] - written[at - across - 1];
-      written[at] = known + integers.decode(decoder, context);
-    }
-  }
-}
-
-/** A plane of half the size, enlarged linearly, row by row. */
-class Enlargement {
-  /**
-   * @param {import("./wavelet.js").Plane} plane
-   * @param {number} height
-   * @param {number} width
-   */
-  constructor(plane, height, width) {
-    this.plane = plane;
-    this.rows = linearPlaces(height, plane.height, 2 * plane.height);
-    this.columns = linearPlaces(width, plane.width, 2 * plane.width);
-    this.line = new Float64Array(plane.width);
-    this.enlarged = new Float64Array(width);
-  }
-
-  /**
-   * A row of the result, until the next one is asked for.
-   * @param {number} i
-   */
-  row(i) {
-    const { plane, rows, columns, line, enlarged } = this;
-    const { values, width } = plane;
-    const [low, high, part] = [rows.low[i] * width, rows.high[i] * width, rows.part[i]];
-    for (let j = 0; j < width; j++) {
-      const upper = values[low + j];
-      line[j] = upper + part * (values[high + j] - upper);
-    }
-    for (let j = 0; j < enlarged.length; j++) {
-      const left = line[columns.low[j]];
-      enlarged[j] = left + columns.part[j] * (line[columns.high[j]] - left);
-    }
-    return enlarged;
+    const { compiled, height, width } = this;
+    const unread = compiled.decode(data.subarray(1), 2 ** (data[0] / 8));
+    check(unread >= 0, `${name}: a value is too large`);
+    check(!unread, `${name}: ${unread} bytes too many`);
+    return { height, width, values: compiled.image(3 * height * width) };
   }
 }
 
@@ -250,27 +84,32 @@ export function parsePictureHeader(data, name) {
 
 /**
  * Decode a background or a texture.
- * @param {ProbabilityNetworks} networks
+ * @param {PictureCodec} codec
  * @param {Uint8Array} data
  * @param {string} name of it, for messages
  * @param {number} limit of its sides, pixels
  * @returns {Image}
  */
-export function decodePicture(networks, data, name, limit) {
+export function decodePicture(codec, data, name, limit) {
   const { kind, width, height, weightMap, coefficients } = parsePictureHeader(data, name);
   check(Math.max(width, height) <= limit, `${name} is ${width}x${height}, limit ${limit} a side`);
   const weights = decodeWeightMap(weightMap, height, width);
-  return new PictureSequence(networks, kind, height, width, weights).decode(coefficients, name);
+  const sequence = new PictureSequence(codec, kind, height, width, weights);
+  try {
+    return sequence.decode(coefficients, name);
+  } finally {
+    sequence.close();
+  }
 }
 
 /**
- * The decoder of appearance modes or of changes.
- * @param {ProbabilityNetworks} networks
+ * The decoder of appearance modes or of changes, to be closed.
+ * @param {PictureCodec} codec
  * @param {number} height
  * @param {number} width
  * @param {Uint8Array} weightMap
  */
-export function modeDecoder(networks, height, width, weightMap) {
+export function modeDecoder(codec, height, width, weightMap) {
   const weights = decodeWeightMap(weightMap, height, width);
-  return new PictureSequence(networks, KINDS.MODE, height, width, weights);
+  return new PictureSequence(codec, KINDS.MODE, height, width, weights);
 }
