@@ -1,5 +1,5 @@
 """`risorius demo`: a call from end to end on a clip that is installed; `risorius compile`: the
-encoder's inner loops as machine code, before the first call."""
+inner loops as machine code, before the first call."""
 
 import argparse
 import time
@@ -48,8 +48,8 @@ def add_compile(added: "Commands") -> None:
     parser = add_command(
         added,
         "compile",
-        "compile the encoder's inner loops, once on a machine",
-        "The first encode does it otherwise.  `make install` runs this command.",
+        "compile the inner loops, once on a machine",
+        "The first calls do it otherwise.  `make install` runs this command.",
         "  risorius compile\n",
     )
     parser.set_defaults(run=run_compile)
@@ -57,11 +57,13 @@ def add_compile(added: "Commands") -> None:
 
 def run_compile(arguments: argparse.Namespace) -> int:
     """`risorius compile`."""
-    say("compile: the encoder's inner loops, up to half a minute on a machine that never ran them")
+    say("compile: the inner loops, up to a minute on a machine that never ran them")
     begin = time.monotonic()
     with StopOnSignal():
-        from encoder.compiled_loops import compile_loops
+        from decoder import compiled_loops as of_decoder
+        from encoder import compiled_loops as of_encoder
 
-        compile_loops()
+        of_encoder.compile_loops()
+        of_decoder.compile_loops()
     say(f"compile: done in {time.monotonic() - begin:.0f} s")
     return 0
