@@ -7,7 +7,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from shared_model.arrays import Array, Picture
+from shared_model.arrays import Array, Indices, Picture
 from shared_model.errors import UserError
 
 # Okabe and Ito's colours.
@@ -21,7 +21,7 @@ class Line:
     """label: for the legend, "" for none.  x, y: (n,), nan is a gap.  style: of matplotlib."""
 
     label: str
-    x: Array
+    x: Array | Indices
     y: Array
     style: str = "-"
 
@@ -37,7 +37,7 @@ class Panel:
     x_label: str = ""
     y_label: str = ""
     lines: Sequence[Line] = ()
-    bars: tuple[Array, Array] | None = None
+    bars: tuple[Array | Indices, Array] | None = None
     picture: Picture | None = None
 
 

@@ -60,10 +60,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     samples = [test[i] for i in chosen]
     truth = read_true_pictures(sets.truth)
     parts = [part for part in parts if part != "first-frames" or truth]
-    for name, text in run_experiments(train, samples, truth, parsed.size, parts, tell):
-        write_whole(parsed.output / name, text)
-        if name.endswith(".md"):
-            print(text, flush=True)
+    for name, content in run_experiments(train, samples, truth, parsed.size, parts, tell):
+        write_whole(parsed.output / name, content)
+        if isinstance(content, str) and name.endswith(".md"):
+            print(content, flush=True)
     return 0
 
 
@@ -79,10 +79,10 @@ def unfinished_parts(output: Path, parts: Sequence[str], arguments: Sequence[str
     return [part for part in parts if not (output / f"{part}.md").exists()]
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_whole(path: Path, content: str | bytes) -> None:
     """Write a file that is there only when it is whole."""
     partial = path.with_name(f"{path.name}.part")
-    partial.write_text(text, encoding="utf-8")
+    partial.write_bytes(content.encode() if isinstance(content, str) else content)
     partial.replace(path)
 
 

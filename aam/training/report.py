@@ -8,7 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from aam.charts import NEEDED, Line, Panel, chart_svg, has_charts
 from aam.model import AppearanceModel, MultiResolutionModel, texture_at
+from aam.pca import LinearModel
+from aam.search.find_face import find_in_window
+from aam.search.search import SearchOptions
+from aam.search_pictures import search_sheet
 from aam.synthesis import drawn_texture, face_picture, texels_picture
 from aam.training.faces import AnnotatedFace, at_resolution
 from aam.training.train import TrainingOptions
@@ -20,6 +25,9 @@ from shared_model.errors import cannot_write
 SIDE_PX = 128
 SHOWN_MODES = 8
 SIGMAS = (-2.0, 0.0, 2.0)
+# By how much the shown search starts off the annotated pose: 4 degrees of yaw and roll, a tenth too
+# large.
+START = np.array([0.0, 0.07, 0.07, 0.0, 0.0, 0.1])
 STYLE = (
     "body{font:15px sans-serif;max-width:60em;margin:2em auto;padding:0 1em}"
     "td,th{padding:.1em .8em;text-align:right}img{image-rendering:auto}"
@@ -41,6 +49,7 @@ def write_report(
         "shape.png": mode_sheet(finest, warp, "shape"),
         "texture.png": mode_sheet(finest, warp, "texture"),
         "weights.png": weight_sheet(finest, warp),
+        "search.png": step_sheet(model, faces[len(faces) // 2]),
     }
     errors = person_residuals(model, faces)
     page = folder / "index.html"
@@ -49,6 +58,8 @@ def write_report(
         for name, picture in pictures.items():
             encoded = cv2.imencode(".png", picture)[1]
             (folder / name).write_bytes(encoded.tobytes())
+        if has_charts():
+            (folder / "variance.svg").write_text(variance_chart(finest), encoding="utf-8")
         page.write_text(_html(model, len(faces), errors, options), encoding="utf-8")
     except OSError as error:
         raise cannot_write(page, error) from error
@@ -104,6 +115,30 @@ def weight_sheet(model: AppearanceModel, warp: Warp) -> Picture:
     blank = np.full((SIDE_PX, SIDE_PX), 255, np.uint8)
     upper += [blank] * (poses - len(upper))
     return np.asarray(np.vstack([np.hstack(upper), np.hstack(lower)]), np.uint8)
+
+
+def variance_chart(model: AppearanceModel) -> str:
+    """An SVG of the share of the variance that each mode has, and of all up to it (Fig. 2.14).
+
+    Raises `UserError` if matplotlib is not installed.
+    """
+    panels = []
+    for kind in ("shape", "texture", "combined"):
+        linear: LinearModel = getattr(model, kind)
+        shares = 100 * linear.variances / linear.total
+        number = np.arange(1, len(shares) + 1)
+        cumulated = Line("cumulated", number, np.cumsum(shares), ".-")
+        panels.append(Panel(kind, "mode", "% of the variance", [cumulated], (number, shares)))
+    return chart_svg(panels)
+
+
+def step_sheet(model: MultiResolutionModel, face: AnnotatedFace) -> Picture:
+    """A search step by step (Fig. 3.1), see `search_sheet`, from a start that is displaced."""
+    warps = [model.warp(number) for number in range(len(model.levels))]
+    start = face.pose + START
+    options = SearchOptions("additive")
+    fit = find_in_window(model.levels, warps, model.normalisation, face.window, [start], options)
+    return search_sheet(model.levels, warps, model.normalisation, face.window, fit)
 
 
 def person_residuals(
@@ -163,7 +198,13 @@ def _html(
         f"<h2>{kind.capitalize()} modes: -2 standard deviations, mean, +2</h2><img src={kind}.png>"
         for kind in ("combined", "shape", "texture")
     ]
+    if has_charts():
+        parts.append("<h2>Variance of the modes</h2><img src=variance.svg>")
+    else:
+        parts.append(f"<p>{escape(NEEDED)}</p>")
     parts += [
+        "<h2>A search by additive steps: landmarks, texture, model, difference, face</h2>"
+        "<img src=search.png>",
         "<h2>Weights of the additive matrix: first combined modes; pose</h2><img src=weights.png>",
         "<h2>Share of the texture that is not explained, by person</h2>",
         f"<table><tr><th>person<th>faces<th>residual<th>{rows}</table>",

@@ -3,8 +3,10 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
+from aam.charts import has_charts
 from aam.search.search import METHODS, SearchOptions
 from aam.training.train import TrainingOptions
 from aam.training.train import train as train_model
@@ -18,7 +20,7 @@ from aam.validation.model_experiments import (
     modes_of_equal_error,
     specificity,
 )
-from aam.validation.plots import prediction_plot
+from aam.validation.plots import convergence_chart, prediction_plot
 from aam.validation.prediction_experiments import Matrix, parameter_curves, pose_curves
 from aam.validation.samples import Sample, split_people
 from aam.validation.search_experiments import (
@@ -26,6 +28,7 @@ from aam.validation.search_experiments import (
     best_possible,
     convergence,
     generalisation,
+    step_sheet,
 )
 from aam.validation.search_time import search_time
 from aam.validation.units.unit_experiment import unit_part
@@ -63,8 +66,8 @@ def run_experiments(
     size: int,
     parts: Sequence[str],
     tell: Tell,
-) -> Iterator[tuple[str, str]]:
-    """Files by name and text as each part is done: a table for each part, and plots.
+) -> Iterator[tuple[str, str | bytes]]:
+    """Files by name and content as each part is done: a table for each part, plots, pictures.
 
     train, test: share no person.  truth: for the first frames.
     size: texels a side of the finest level.  parts: of `PARTS`.
@@ -84,7 +87,8 @@ def run_experiments(
             case "model":
                 text = model_part(pair, train, test)
             case "search":
-                text = search_part(pair, train, test)
+                text, drawn = search_part(pair, train, test)
+                yield from drawn.items()
             case "residual":
                 text = residual_part(pair, train, test, needed)
             case "speed":
@@ -139,16 +143,23 @@ def model_part(pair: dict[str, Contender], train: Sequence[Sample], test: Sequen
     return "## Compactness and specificity\n\n" + tables.table(head, rows)
 
 
-def search_part(pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]) -> str:
-    """Generalisation (Table 3.1)."""
+def search_part(
+    pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]
+) -> tuple[str, dict[str, str | bytes]]:
+    """Generalisation (Table 3.1); additive searches step by step (Fig. 3.1 to 3.3)."""
     text = f"## Generalisation: {len(test)} pictures of new people\n\n"
     text += "Thesis: exact 49.6 (head) and 89.6 (2D), displaced 66.7 and 145.6.\n\n"
     text += _generalisations(pair, test, METHODS)
-    paths = {
-        name: convergence(each, test, SearchOptions("additive"), True, SEED)
-        for name, each in pair.items()
+    additive = SearchOptions("additive")
+    paths = {name: convergence(each, test, additive, True, SEED) for name, each in pair.items()}
+    sheets = {name: step_sheet(each, test, additive, True, SEED) for name, each in pair.items()}
+    drawn: dict[str, str | bytes] = {
+        f"search_{name}.png": cv2.imencode(".png", sheet)[1].tobytes()
+        for name, sheet in sheets.items()
     }
-    return text + "\n" + tables.convergence_table(paths)
+    if has_charts():
+        drawn["convergence.svg"] = convergence_chart(paths)
+    return text + "\n" + tables.convergence_table(paths), drawn
 
 
 def residual_part(

@@ -1,11 +1,13 @@
-"""Plots as SVG: what was predicted over what was displaced (Fig. 2.20 to 2.22)."""
+"""Plots as SVG: what was predicted over what was displaced (Fig. 2.20 to 2.22), convergence."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
 
+from aam.charts import Line, Panel, chart_svg
 from aam.validation.prediction_experiments import PredictionCurve
+from shared_model.arrays import Array
 
 SIDE, MARGIN = 190, 34
 # Okabe and Ito's colours.
@@ -39,6 +41,27 @@ def prediction_plot(rows: Mapping[str, Sequence[PredictionCurve]], columns: int 
         }
         parts.append(f'<g transform="translate({left},{top})">{_panel(name, curves)}</g>')
     return "\n".join([*parts, "</svg>"]) + "\n"
+
+
+def convergence_chart(paths: Mapping[str, Sequence[Array]]) -> str:
+    """An SVG of the mean distance by iteration (Fig. 3.1 to 3.3), a panel for each level.
+
+    paths: by contender, of each level (iterations + 1,).  Raises `UserError`, see `chart_svg`.
+    """
+    levels = range(max(len(each) for each in paths.values()))
+    panels = [
+        Panel(
+            f"level {number}",
+            "iterations",
+            "mean distance, % of the eyes'",
+            [
+                Line(name, np.arange(len(each[number])), 100 * each[number], "o-")
+                for name, each in paths.items()
+            ],
+        )
+        for number in levels
+    ]
+    return chart_svg(panels, columns=len(panels))
 
 
 def _panel(name: str, curves: dict[str, PredictionCurve]) -> str:

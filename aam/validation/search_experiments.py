@@ -7,18 +7,21 @@ import numpy as np
 
 from aam.sampling import window_px
 from aam.search.search import SearchOptions
+from aam.search_pictures import search_sheet
 from aam.validation.contenders import Contender, errors, find_from, found_points, start_pose
 from aam.validation.planar_warp import PLANAR_LANDMARKS
 from aam.validation.samples import Sample
 from aam.window import FaceWindow, shrunk
 from runtime.parallel import parallel_map
-from shared_model.arrays import Array
+from shared_model.arrays import Array, Picture
 
 # A displaced start is off by this much of the distance between the eyes; the size of the model at
 # a start (3.1).
 DISPLACEMENT = 0.25
 SCALES = (0.9, 1.1)
 RIGHT_NME = 0.05
+# Pictures in which a search is shown step by step.
+SHEETS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,6 +100,27 @@ def convergence(
 
     paths = np.array(parallel_map(one, range(len(samples)), None))
     return list(paths.mean(0))
+
+
+def step_sheet(
+    contender: Contender,
+    samples: Sequence[Sample],
+    options: SearchOptions,
+    displaced: bool,
+    seed: int,
+) -> Picture:
+    """Searches step by step in a few pictures, evenly from all, one below the other, see
+    `search_sheet`.  Starts: see `generalisation`.
+    """
+    starts = _starts(contender, samples, displaced, seed)
+    sheets = []
+    for number in np.linspace(0, len(samples) - 1, min(SHEETS + 2, len(samples)))[1:-1].astype(int):
+        fit = find_from(contender, samples[number], starts[number], options)
+        window, normalisation = samples[number].face.window, contender.options.normalisation
+        sheets.append(search_sheet(contender.levels, contender.warps, normalisation, window, fit))
+    width = max(sheet.shape[1] for sheet in sheets)
+    padded = [np.pad(s, ((0, 0), (0, width - s.shape[1]), (0, 0))) for s in sheets]
+    return np.asarray(np.vstack(padded), np.uint8)
 
 
 def _starts(

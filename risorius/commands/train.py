@@ -39,7 +39,10 @@ def add_train(added: "Commands") -> None:
         "-o", "--output", type=Path, required=True, metavar="NPZ", help="file for the model"
     )
     parser.add_argument(
-        "--report", type=Path, metavar="DIR", help="folder for the report, index.html"
+        "--report",
+        type=Path,
+        metavar="DIR",
+        help="folder for the report, index.html: modes, their variance, a search step by step",
     )
     _add_model_options(parser)
     parser.add_argument("--seed", type=int, default=1, help="of what is drawn (default: 1)")

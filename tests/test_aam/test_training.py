@@ -18,7 +18,7 @@ from aam.search.weighted_search import SEARCH_WEIGHT, weighted_landmarks
 from aam.training.cascade import NEAR_SHIFT, TURN_SIGMA_RAD, first_states
 from aam.training.drawn_displacements import Smoothing, pose_reach
 from aam.training.faces import at_resolution, mirrored_face, read_faces, rescaled
-from aam.training.report import person_residuals, write_report
+from aam.training.report import person_residuals, variance_chart, write_report
 from aam.training.ridge import MOMENT_RIDGES, Moments, fit_ridge, ridge_by_halves
 from aam.training.train import TrainingOptions, combined_model, train
 from aam.warps import head_warp, pose_from_eyes
@@ -311,9 +311,11 @@ def test_the_report_shows_modes_and_every_person(
     model: MultiResolutionModel, tmp_path: Path
 ) -> None:
     text = write_report(tmp_path, model, FACES, OPTIONS).read_text(encoding="utf-8")
-    pictures = ("mean", "combined", "shape", "texture", "weights")
+    pictures = ("mean", "combined", "shape", "texture", "weights", "search")
     assert all(f"<img src={name}.png>" in text for name in pictures)
     assert all((tmp_path / f"{name}.png").stat().st_size > 1000 for name in pictures)
+    assert "<img src=variance.svg>" in text
+    assert variance_chart(model.levels[-1]) == (tmp_path / "variance.svg").read_text()
     assert all(f"<td>p{person}<td>2<td>" in text for person in range(10))
     residuals = person_residuals(model, [*FACES, *STRANGERS])
     strange = np.mean([residuals[face.person][1] for face in STRANGERS])

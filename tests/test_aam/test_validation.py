@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from aam_faces import synthetic_faces
@@ -167,9 +168,17 @@ def test_additive_search_finds_new_faces_and_tables_tell(pair: dict[str, Contend
         assert len(last) == options.iterations + 1
         assert first[0] == pytest.approx(still.nme.mean(), rel=0.05)
         assert last[-1] == pytest.approx(found.nme.mean(), rel=0.05)
-    text = search_part(pair, TRAIN, TEST)
+    text, drawn = search_part(pair, TRAIN, TEST)
     assert text.count("| head |") == text.count("| 2D |") == 2 * len(METHODS) + 2
     assert "displaced start, project-out" in text
+    assert set(drawn) == {"search_head.png", "search_2D.png", "convergence.svg"}
+    sheet = drawn["search_head.png"]
+    assert isinstance(sheet, bytes)
+    picture = cv2.imdecode(np.frombuffer(sheet, np.uint8), cv2.IMREAD_COLOR)
+    # Rows of five tiles for each of the pictures, at least a step of each level.
+    assert picture is not None and picture.shape[0] % 5 == 0 and picture.shape[1] >= 4 * 128
+    chart = drawn["convergence.svg"]
+    assert isinstance(chart, str) and "<svg" in chart
 
 
 def test_the_time_of_a_search_is_told_for_both_and_every_method(
