@@ -4,7 +4,7 @@
 # usage: build_player.sh FOLDER
 set -eu
 node_modules/.bin/esbuild player/letter/letter.js player/page/face_drawer.js player/watch/watch.js \
-    --bundle --minify --format=iife --target=es2022 --log-level=warning --entry-names='[name]' \
+    player/watch/opus.js --bundle --minify --format=iife --target=es2022 --log-level=warning --entry-names='[name]' \
     --outdir="$1"
 for module in pictures filters; do
     node_modules/.bin/asc "player/wasm/$module.ts" --outFile "$1/$module.wasm" --optimizeLevel 3 \

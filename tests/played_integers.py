@@ -57,6 +57,7 @@ class Played:
     pictures: of a file CRC-32 of all coefficients of each picture, of the last state of each
         version of the model; -1: of another codec; -2: damaged.
     residuals: CRC-32 of flags and values of each residual; -2: damaged.
+    spoken: over a link, of a voice in Opus, number and CRC-32 of each speech frame.
     damages: number of packets and records that were refused.
     """
 
@@ -64,6 +65,7 @@ class Played:
     models: list[list[int]] = field(default_factory=list)
     pictures: list[list[int]] = field(default_factory=list)
     residuals: list[int] = field(default_factory=list)
+    spoken: list[list[int]] = field(default_factory=list)
     damages: int = 0
     ended: bool = False
 
@@ -89,11 +91,17 @@ def played_file(path: Path) -> Played:
 def played_link(events: Sequence[Event]) -> Played:
     """What arrives over a link."""
     errors = list[ProtocolError]()
-    receiver, frames = Receiver(on_damage=errors.append), list[tuple[int, PlayoutFrame]]()
+    receiver = Receiver(on_damage=errors.append, kept_speech_s=1 << 30)
+    frames = list[tuple[int, PlayoutFrame]]()
     for place, event in enumerate(events):
         shown = receiver.receive(event) if isinstance(event, Arrival) else receiver.poll(event)
         frames += [(place, frame) for frame in shown]
-    return _played(frames, receiver, len(errors))
+    played = _played(frames, receiver, len(errors))
+    if receiver.model is not None and receiver.model.call.voice == "opus":
+        numbers = range(receiver.speech.received_until)
+        speech = [(number, receiver.speech.get(number)) for number in numbers]
+        played.spoken = [[number, crc32(frame)] for number, frame in speech if frame]
+    return played
 
 
 def write_events(path: Path, events: Iterable[Event]) -> None:

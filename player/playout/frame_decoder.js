@@ -4,6 +4,7 @@ import { FramePredictor } from "../format/frames/frame_payload.js";
 import { GEOMETRY, parseTransform } from "../format/frames/frame_transform.js";
 import { parseThesisPayload, THESIS_EAUS } from "../format/frames/thesis_payload.js";
 import { splitVoice } from "../format/frames/voice_block.js";
+import { VOICES } from "../format/model_packet.js";
 import { poseFromMotion } from "../model/geometry.js";
 import { clip, clipEau } from "../model/parameters.js";
 import { referenceFace } from "../model/person.js";
@@ -20,6 +21,9 @@ import { PacketHistory } from "./packet_history.js";
 /** What a frame packet holds. @typedef {{faces: TimedFace[], residual: CodedResidual | null}} DecodedPacket */
 
 const THESIS_RATE_HZ = 10;
+export const SPEECH_RATE_HZ = 25;
+/** Of a quotient that is a whole number in exact fractions. */
+const ROUNDING = 1e-6;
 const MAX_PARAMETER = 1e5;
 const MAX_MOTION = [180, 180, 180, 1e4, 1e4, 3];
 
@@ -64,6 +68,22 @@ export class FrameDecoder {
    */
   hasFace(payload) {
     return this.#split(payload).hasFace;
+  }
+
+  /**
+   * The speech of a packet, in the codec Opus: number of each frame, see docs/format.md, Voice.
+   * @param {number} number
+   * @param {Uint8Array} payload
+   * @returns {{index: number, data: Uint8Array}[]}
+   */
+  speech(number, payload) {
+    const { voice, rate, startFrame } = this.model.call;
+    if (voice !== VOICES.OPUS) return [];
+    const { block } = splitVoice(payload, voice);
+    const firstPicture = number ? this.newestFrame(number - 1) + 1 : startFrame;
+    const expected = Math.ceil((SPEECH_RATE_HZ * firstPicture * rate[1]) / rate[0] - ROUNDING);
+    const first = expected + block.displacement;
+    return block.opus.map(({ place, data }) => ({ index: first + place, data }));
   }
 
   /**

@@ -10,6 +10,7 @@ import { ReceivedModels } from "./received_models.js";
 /** @typedef {import("./frame_decoder.js").CodedResidual} CodedResidual */
 /** @typedef {import("./frame_decoder.js").TimedFace} TimedFace */
 /** @typedef {import("./received_models.js").ReceivedModel} ReceivedModel */
+/** Bytes of a frame of speech, 40 ms, and its number from source frame 0 on. @typedef {{index: number, data: Uint8Array}} SpeechFrame */
 /**
  * The face of a source frame.
  * @typedef {object} PlayoutFrame
@@ -23,6 +24,8 @@ import { ReceivedModels } from "./received_models.js";
  * @property {CodedResidual | null} residual
  */
 
+/** Speech frames that are kept until somebody takes them. */
+const MAX_SPEECH = 250;
 /** A packet up to so many numbers behind the newest is late. */
 const LATE_WINDOW = 16;
 /** A first frame packet farther ahead shows that the call was joined late. */
@@ -50,6 +53,8 @@ export class Playout {
     this.goneAt = null;
     /** @type {Face | null} see `takeRepaired` */
     this.repaired = null;
+    /** @type {SpeechFrame[]} see `takeSpeech` */
+    this.speech = [];
   }
 
   /**
@@ -95,6 +100,7 @@ export class Playout {
    * @param {number | null} exact
    */
   #receiveFrame(sequence, payload, exact) {
+    if (exact !== null) this.#hear(exact, payload);
     if (!this.models.current?.decoder.hasFace(payload)) return [];
     const number = this.#number(sequence, this.models.current, exact);
     const { newest } = this;
@@ -117,6 +123,26 @@ export class Playout {
       this.last = { time: timed.time, face: isFrozen && this.last ? this.last.face : timed.face };
     }
     return frames.map((frame) => withResidual(frame, decoded.residual));
+  }
+
+  /**
+   * Keep the speech of a packet with a number, unless it is late.
+   * @param {number} number
+   * @param {Uint8Array} payload
+   */
+  #hear(number, payload) {
+    const { current, update } = this.models;
+    const received = update && number >= update.first ? update : current;
+    if (!received || number <= this.newest || number < received.first) return;
+    this.speech.push(...received.decoder.speech(number - received.first, payload));
+    this.speech.splice(0, this.speech.length - MAX_SPEECH);
+  }
+
+  /** The speech that has come since asked before, in the codec Opus. */
+  takeSpeech() {
+    const { speech } = this;
+    this.speech = [];
+    return speech;
   }
 
   /**

@@ -1,7 +1,9 @@
 import { FormatError } from "../format/errors.js";
+import { VOICES } from "../format/model_packet.js";
 import { parsePacket } from "../format/packets.js";
 import { SmoothReturn } from "./concealment.js";
 import { EncoderSession } from "./encoder_session.js";
+import { SPEECH_RATE_HZ } from "./frame_decoder.js";
 import { MAX_GAP_S } from "./playout.js";
 import { isSamePicture } from "./received_models.js";
 
@@ -44,6 +46,25 @@ export class Receiver {
   /** Whether the END packet has been received. */
   get ended() {
     return this.heard.playout.ended;
+  }
+
+  /** The codec of the voice of the call, one of `VOICES`; off before its model. */
+  get voice() {
+    return this.heard.playout.models.current?.model.call.voice ?? VOICES.OFF;
+  }
+
+  /**
+   * The speech that has come since asked before, in the codec Opus, and when each frame of 40 ms is
+   * heard, seconds from the start of the source.
+   */
+  takeSpeech() {
+    const { playout, offset } = this.shown;
+    const fps = playout.models.current?.model.call.fps ?? 1;
+    const startS = (offset ?? 0) / fps;
+    return playout.takeSpeech().map(({ index, data }) => ({
+      timeS: startS + index / SPEECH_RATE_HZ,
+      data,
+    }));
   }
 
   /**

@@ -1,4 +1,5 @@
 import { FormatError } from "../format/errors.js";
+import { VOICES } from "../format/model_packet.js";
 import { hasWebAssembly } from "../format/pictures/picture_codec.js";
 import { DeliveryReceiver } from "../link/delivery_receiver.js";
 import { parseKey } from "../link/invitation.js";
@@ -9,6 +10,7 @@ import { element, fullScreenSwitch } from "../page/elements.js";
 import { FaceCanvas } from "../page/face_canvas.js";
 import { Presenter } from "../playout/presenter.js";
 import { Receiver } from "../playout/receiver.js";
+import { VoicePlayer } from "./voice_player.js";
 
 /** @typedef {import("../playout/playout.js").PlayoutFrame} PlayoutFrame */
 /** @typedef {import("../playout/received_models.js").ReceivedModel} ReceivedModel */
@@ -37,6 +39,10 @@ class Watch {
     /** @type {WebSocket | null} */
     this.socket = null;
     this.shown = 0;
+    /** @type {VoicePlayer | null} of a call whose voice can be played */
+    this.voice = null;
+    /** what is to be said of the voice; empty: nothing */
+    this.voiceState = "";
     /** @type {PlayoutFrame | null} the frame to draw, which waits while its model is being decoded */
     this.due = null;
     /** @type {WeakSet<ReceivedModel>} */
@@ -100,6 +106,37 @@ class Watch {
       this.faces.addModel(received);
     }
     this.presenter.push(frames, now());
+    this.#hear();
+  }
+
+  /** Play what has been said. */
+  #hear() {
+    const { voice } = this.receiver;
+    const speech = this.receiver.takeSpeech();
+    if (voice === VOICES.OFF) return;
+    if (voice !== VOICES.OPUS) {
+      this.voiceState = "The voice of this call (Codec2) cannot be played here.";
+    } else if (this.voice) {
+      this.voice.push(speech, now());
+    } else if (!this.voiceState) {
+      this.#openVoice();
+    }
+  }
+
+  #openVoice() {
+    try {
+      this.voice = new VoicePlayer(this.presenter.delay);
+      this.voice.open().catch((error) => this.#noVoice(error));
+    } catch (error) {
+      this.#noVoice(error);
+    }
+  }
+
+  /** @param {unknown} error */
+  #noVoice(error) {
+    console.error(error);
+    this.voice = null;
+    this.voiceState = "The voice of this call cannot be played in this browser.";
   }
 
   /** Draw the frame whose turn it is, and so on. */
@@ -126,6 +163,7 @@ async function start() {
   element("name", HTMLElement).textContent = call;
   const message = element("message", HTMLParagraphElement);
   const about = element("about", HTMLParagraphElement);
+  const sound = element("sound", HTMLButtonElement);
   const canvas = element("picture", HTMLCanvasElement);
   try {
     const key = location.hash.length > 1 ? parseKey(location.hash.slice(1)) : null;
@@ -137,8 +175,11 @@ async function start() {
     const watch = new Watch(call, key, faces);
     Object.assign(window, { watch });
     watch.run();
+    for (const touch of ["pointerdown", "keydown"])
+      addEventListener(touch, () => watch.voice?.resume());
     setInterval(() => {
-      message.textContent = watch.state;
+      message.textContent = watch.state || watch.voiceState;
+      sound.hidden = !watch.voice || watch.voice.isHeard;
       about.textContent = watch.bytes ? `${(watch.bytes / 1e3).toFixed(1)} kB so far` : "";
     }, 250);
   } catch (error) {

@@ -39,7 +39,7 @@ POLICY = (
 WATCH_HEADERS = {**HEADERS, "Content-Security-Policy": POLICY}
 # Parts of the page by their paths in the player.
 PAGE = "watch/watch.html"
-PARTS = "page/page.css", "built/watch.js", "data/player.bin"
+PARTS = "page/page.css", "built/watch.js", "built/opus.js", "data/player.bin"
 # Of a page, the payloads that it has not received yet.
 _Waiting = asyncio.Queue[bytes]
 

@@ -19,7 +19,7 @@ import {
 } from "../../player/format/pictures/picture.js";
 import { parseTiles } from "../../player/format/residual/tile_decoder.js";
 import { playCall } from "../../player/playout/call.js";
-import { FrameDecoder } from "../../player/playout/frame_decoder.js";
+import { FrameDecoder, SPEECH_RATE_HZ } from "../../player/playout/frame_decoder.js";
 import { Receiver } from "../../player/playout/receiver.js";
 import { bytesOf, CODEC } from "./vectors.js";
 
@@ -62,21 +62,25 @@ function playedFile(file) {
   const states = new Map(frames.map(({ received }) => [received.model.version, received]));
   const pictures = [...states.values()].map(pictureCrcs);
   const shown = frames.map((frame) => ({ event: 0, frame }));
-  return { ...played(shown), pictures, damages, ended: isComplete };
+  return { ...played(shown), pictures, spoken: [], damages, ended: isComplete };
 }
 
 /** @param {[number, number, number | null, string][]} events */
 function playedLink(events) {
   let damages = 0;
+  /** @type {number[][]} */
+  const spoken = [];
   const receiver = new Receiver(() => damages++);
   const shown = events.flatMap(([atS, session, number, digits], event) => {
     const frames =
       digits === undefined
         ? receiver.poll(atS)
         : receiver.receive({ packet: bytesOf(digits), number, session }, atS);
+    for (const { timeS, data } of receiver.takeSpeech())
+      spoken.push([Math.round(SPEECH_RATE_HZ * timeS), crc32([data])]);
     return frames.map((frame) => ({ event, frame }));
   });
-  return { ...played(shown), pictures: [], damages, ended: receiver.ended };
+  return { ...played(shown), pictures: [], spoken, damages, ended: receiver.ended };
 }
 
 /** @param {Shown[]} shown */

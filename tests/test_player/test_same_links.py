@@ -77,6 +77,13 @@ def test_links_that_lose_delay_and_repeat(
         assert frames == [frame[1:] for frame in played_file(path).frames]
 
 
+@pytest.mark.parametrize("link", ["good", "uneven"])
+def test_speech_has_its_times(link: str, small_call: SmallCall, tmp_path: Path) -> None:
+    arriving = over_link(small_call("voice of opus"), LINKS[link], 3)
+    played = check_events(with_polls(arriving), tmp_path)
+    assert len(played.spoken) > 10 and not played.damages
+
+
 def test_a_face_is_led_back_after_a_packet_that_comes_late(live_call: Path, tmp_path: Path) -> None:
     arriving, late_s = over_link(live_call, SimulatedLink()), 1.1
     place = [i for i, each in enumerate(arriving) if is_frame(each)][1]

@@ -9,6 +9,7 @@ import { PITCH_AND_ENERGY, SPECTRUM, VOICING } from "./codec2_codes.js";
  * @property {number} frames of speech, silent ones among them
  * @property {number} displacement of the first one from the expected one
  * @property {boolean} hasFace
+ * @property {{place: number, data: Uint8Array}[]} opus the spoken frames of that codec, and which they are of all
  */
 
 /** Reads bits, the highest of a byte first. */
@@ -42,7 +43,7 @@ class BitReader {
 }
 
 /**
- * Skip the voice block at the start of a payload; returns it and the face.
+ * The voice block at the start of a payload, and the face.
  * @param {Uint8Array} payload
  * @param {number} voice codec
  * @returns {{block: VoiceBlock, face: Uint8Array}}
@@ -53,18 +54,30 @@ export function splitVoice(payload, voice) {
   const frames = Math.floor(head / 8);
   check(frames <= 255, `voice: ${frames} speech frames, limit 255`);
   const displacement = head & 2 ? signedFrom(reader.varint()) : 0;
-  let spoken = frames;
+  let spoken = Array.from({ length: frames }, (_, i) => i);
   if (head & 1) {
     const mask = new BitReader(reader);
-    spoken = 0;
-    for (let i = 0; i < frames; i++) spoken += mask.take(1);
+    spoken = spoken.filter(() => mask.take(1));
     mask.finish();
   }
-  skipFrames(reader, voice, spoken);
+  const opus = voice === VOICES.OPUS ? takeOpus(reader, spoken) : [];
+  if (voice !== VOICES.OPUS) skipCodec2(reader, voice, spoken.length);
   const hasFace = !(head & 4);
   const face = reader.rest();
   check(hasFace || !face.length, "voice: bytes after a block without a face");
-  return { block: { frames, displacement, hasFace }, face };
+  return { block: { frames, displacement, hasFace, opus }, face };
+}
+
+/**
+ * @param {ByteReader} reader
+ * @param {number[]} spoken
+ */
+function takeOpus(reader, spoken) {
+  return spoken.map((place) => {
+    const data = reader.take(reader.byte());
+    check(data.length, "voice: empty frame");
+    return { place, data };
+  });
 }
 
 /**
@@ -72,11 +85,7 @@ export function splitVoice(payload, voice) {
  * @param {number} voice
  * @param {number} count
  */
-function skipFrames(reader, voice, count) {
-  if (voice === VOICES.OPUS) {
-    for (let i = 0; i < count; i++) check(reader.take(reader.byte()).length, "voice: empty frame");
-    return;
-  }
+function skipCodec2(reader, voice, count) {
   const bits = new BitReader(reader);
   for (let i = 0; i < count; i++) {
     if (voice === VOICES.CODEC2_700C) bits.take(28);
