@@ -80,6 +80,6 @@ def chart_svg(
     for each in axes[len(panels) :]:
         each.axis("off")
     text = io.StringIO()
-    with rc_context({"svg.hashsalt": "risorius", "svg.fonttype": "path"}):
+    with rc_context({"svg.hashsalt": "risorius", "svg.fonttype": "none"}):
         figure.savefig(text, format="svg", metadata={"Date": None})
     return text.getvalue()

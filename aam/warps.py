@@ -167,13 +167,20 @@ def pose_from_eyes(warp: Warp, shape: Array, eyes_px: Array) -> Array:
     eyes_px: (2, 2) middle between the corners of the right and of the left eye, pixels.
     """
     corners = warp.landmarks(shape, warp.upright(0.0, np.zeros(3)))[list(warp.eye_corners)]
-    model = corners.reshape(2, 2, 2).mean(1)
-    a, b = model[1] - model[0], eyes_px[1] - eyes_px[0]
+    return pose_from_two_points(warp, corners.reshape(2, 2, 2).mean(1), eyes_px)
+
+
+def pose_from_two_points(warp: Warp, model: Array, target_px: Array) -> Array:
+    """The frontal pose (p,) that brings two points to given places.
+
+    model: (2, 2) where the pose of no turn, no shift and scale 1 has them.  target_px: (2, 2).
+    """
+    a, b = model[1] - model[0], target_px[1] - target_px[0]
     turn = float(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b))
     scale = float(np.linalg.norm(b) / np.linalg.norm(a))
     cosine, sine = np.cos(turn), np.sin(turn)
     rotation = np.array([[cosine, -sine], [sine, cosine]])
-    shift = eyes_px.mean(0) - scale * rotation @ model.mean(0)
+    shift = target_px.mean(0) - scale * rotation @ model.mean(0)
     return warp.upright(turn, np.array([*shift, np.log(scale)]))
 
 

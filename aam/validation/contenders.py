@@ -19,8 +19,13 @@ from aam.validation.planar_warp import (
 )
 from aam.validation.residual_shape import ResidualFaces, residual_faces
 from aam.validation.samples import ANATOMICAL, Sample
-from aam.warps import HeadWarp, Warp, head_warp, pose_from_eyes
+from aam.warps import HeadWarp, Warp, head_warp, pose_from_eyes, pose_from_two_points
 from shared_model.arrays import Array
+
+# Nasion and subnasale, the anthropometric vertical axis (2.3.2), among the network's landmarks.
+NOSE_LINE = (168, 2)
+# By which two points of a face a search's start is brought upright, to its place and to its size.
+ANCHORS = ("eyes", "n-sn")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,16 +114,21 @@ def train_planar(
     return Contender(train_levels(faces, warps, options, random, progress), warps, options, mean)
 
 
-def start_pose(contender: Contender, sample: Sample, shift: Array, scale: float) -> Array:
-    """The pose of a search's start: the mean shape at the eyes of the face, moved and scaled.
+def start_pose(
+    contender: Contender, sample: Sample, shift: Array, scale: float, anchors: str = "eyes"
+) -> Array:
+    """The pose of a search's start: the mean shape at two points of the face, moved and scaled.
 
-    shift: (2,) in terms of the distance between the eyes.
+    shift: (2,) in terms of the distance between the eyes.  anchors: one of `ANCHORS`.
     """
-    eyes = sample.eyes
-    moved = eyes + shift * float(np.linalg.norm(eyes[1] - eyes[0]))
-    middle = moved.mean(0)
-    level = contender.levels[0]
-    return pose_from_eyes(contender.warps[0], level.shape.mean, middle + scale * (moved - middle))
+    eyes, warp, mean = sample.eyes, contender.warps[0], contender.levels[0].shape.mean
+    points = eyes if anchors == "eyes" else sample.landmarks[list(NOSE_LINE)]
+    moved = points + shift * float(np.linalg.norm(eyes[1] - eyes[0]))
+    target = moved.mean(0) + scale * (moved - moved.mean(0))
+    if anchors == "eyes":
+        return pose_from_eyes(warp, mean, target)
+    own = contender.points(warp.landmarks(mean, warp.upright(0.0, np.zeros(3))), NOSE_LINE)
+    return pose_from_two_points(warp, own, target)
 
 
 def found_points(

@@ -36,7 +36,10 @@ from aam.validation.units.unit_experiment import unit_part
 Tell = Callable[[str], None]
 
 # Experiments in the order of the tables; those that compare the AAM of the head with the 2D AAM.
-PARTS = ("model", "search", "residual", "speed", "prediction", "variants", "first-frames", "units")
+PARTS = (
+    *("model", "search", "residual", "speed", "prediction", "variants", "first-frames"),
+    *("units", "units-n-sn"),
+)
 PARTS_OF_PAIR = frozenset({"model", "search", "residual", "speed", "prediction"})
 # Of these, those that need the cascade and those that need the regressed matrix.
 PARTS_OF_SEARCH = frozenset({"search", "residual", "speed"})
@@ -102,6 +105,8 @@ def run_experiments(
                 text = first_frame_part([*train, *test], truth, options)
             case "units":
                 text = unit_part(train, test, size, SEED)
+            case "units-n-sn":
+                text = unit_part(train, test, size, SEED, "n-sn")
             case _:
                 raise ValueError(f"part is {part!r}, expected one of {PARTS}")
         yield f"{part}.md", text
@@ -150,6 +155,8 @@ def search_part(
     text = f"## Generalisation: {len(test)} pictures of new people\n\n"
     text += "Thesis: exact 49.6 (head) and 89.6 (2D), displaced 66.7 and 145.6.\n\n"
     text += _generalisations(pair, test, METHODS)
+    text += "\nStarts at nasion and subnasale (3.2):\n\n"
+    text += _generalisations(pair, test, ("cascade", "additive"), "n-sn")
     additive = SearchOptions("additive")
     paths = {name: convergence(each, test, additive, True, SEED) for name, each in pair.items()}
     sheets = {name: step_sheet(each, test, additive, True, SEED) for name, each in pair.items()}
@@ -180,7 +187,10 @@ def residual_part(
 
 
 def _generalisations(
-    pair: dict[str, Contender], test: Sequence[Sample], methods: Sequence[str]
+    pair: dict[str, Contender],
+    test: Sequence[Sample],
+    methods: Sequence[str],
+    anchors: str = "eyes",
 ) -> str:
     results: dict[tuple[str, str, str], Generalisation] = {}
     lines = []
@@ -188,7 +198,7 @@ def _generalisations(
         for method in methods:
             for name, contender in pair.items():
                 options = SearchOptions(method)
-                each = generalisation(contender, test, options, displaced, SEED)
+                each = generalisation(contender, test, options, displaced, SEED, anchors)
                 results[name, method, start] = each
             better = results["head", method, start].better_than(results["2D", method, start])
             lines.append(f"- {start} start, {method}: {100 * better:.1f} %")

@@ -54,12 +54,14 @@ def generalisation(
     options: SearchOptions,
     displaced: bool,
     seed: int,
+    anchors: str = "eyes",
 ) -> Generalisation:
     """Search each picture from its eyes, with the model 0.9 to 1.1 times as large.
 
     displaced: a quarter of the distance between the eyes off, in a random direction.
+    anchors: where the search starts, see `start_pose`.
     """
-    starts = _starts(contender, samples, displaced, seed)
+    starts = _starts(contender, samples, displaced, seed, anchors)
 
     def one(number: int) -> tuple[float, float]:
         sample = samples[number]
@@ -124,7 +126,11 @@ def step_sheet(
 
 
 def _starts(
-    contender: Contender, samples: Sequence[Sample], displaced: bool, seed: int
+    contender: Contender,
+    samples: Sequence[Sample],
+    displaced: bool,
+    seed: int,
+    anchors: str = "eyes",
 ) -> list[Array]:
     """The pose (p,) at which the search of each picture starts."""
     random = np.random.default_rng(seed)
@@ -132,7 +138,7 @@ def _starts(
     scales = random.uniform(*SCALES, len(samples))
     ways = np.stack([np.cos(angles), np.sin(angles)], 1) * (DISPLACEMENT if displaced else 0.0)
     return [
-        start_pose(contender, sample, way, float(scale))
+        start_pose(contender, sample, way, float(scale), anchors)
         for sample, way, scale in zip(samples, ways, scales, strict=True)
     ]
 

@@ -12,8 +12,10 @@ from aam.shape_space import SHAPE_COUNT
 from aam.training.train import TrainingOptions
 from aam.validation import tables
 from aam.validation.contenders import (
+    NOSE_LINE,
     Contender,
     errors,
+    start_pose,
     train_head,
     train_planar,
     train_residual_head,
@@ -158,6 +160,15 @@ def test_the_linear_range_ends_where_a_displacement_is_not_half_predicted() -> N
     assert curve.error == pytest.approx((15 + 1 + 0 + 0 + 10 + 1) / 6)
 
 
+def test_a_start_at_nasion_and_subnasale_has_them_there(pair: dict[str, Contender]) -> None:
+    sample = TEST[0]
+    for contender in pair.values():
+        pose = start_pose(contender, sample, np.zeros(2), 1.0, "n-sn")
+        points = contender.warps[0].landmarks(contender.levels[0].shape.mean, pose)
+        found = contender.points(points, NOSE_LINE)
+        np.testing.assert_allclose(found, sample.landmarks[list(NOSE_LINE)], atol=1e-6)
+
+
 def test_additive_search_finds_new_faces_and_tables_tell(pair: dict[str, Contender]) -> None:
     options = SearchOptions("additive")
     for contender in pair.values():
@@ -169,7 +180,7 @@ def test_additive_search_finds_new_faces_and_tables_tell(pair: dict[str, Contend
         assert first[0] == pytest.approx(still.nme.mean(), rel=0.05)
         assert last[-1] == pytest.approx(found.nme.mean(), rel=0.05)
     text, drawn = search_part(pair, TRAIN, TEST)
-    assert text.count("| head |") == text.count("| 2D |") == 2 * len(METHODS) + 2
+    assert text.count("| head |") == text.count("| 2D |") == 2 * len(METHODS) + 6
     assert "displaced start, project-out" in text
     assert set(drawn) == {"search_head.png", "search_2D.png", "convergence.svg"}
     sheet = drawn["search_head.png"]

@@ -68,10 +68,12 @@ class ShownFaces:
     gradients: Single
 
 
-def show_faces(contender: Contender, samples: Sequence[Sample]) -> ShownFaces:
+def show_faces(
+    contender: Contender, samples: Sequence[Sample], anchors: str = "eyes"
+) -> ShownFaces:
     """Every expression on every face, at each intensity, searched from the eyes.
 
-    contender: an AAM of the head.
+    contender: an AAM of the head.  anchors: where searches start, see `start_pose`.
     """
     shows = [
         (sample, units, intensity)
@@ -81,7 +83,7 @@ def show_faces(contender: Contender, samples: Sequence[Sample]) -> ShownFaces:
     ]
 
     def one(show: tuple[Sample, tuple[str, ...], float]) -> _Features:
-        return _features(contender, with_units(*show))
+        return _features(contender, with_units(*show), anchors)
 
     found = parallel_map(one, shows, None)
     return ShownFaces(
@@ -162,9 +164,9 @@ def _joined(rows: Sequence[Array], others: Sequence[NDArray[np.floating]]) -> li
 _Features = tuple[Array, Array, Array, Single, Single]
 
 
-def _features(contender: Contender, sample: Sample) -> _Features:
+def _features(contender: Contender, sample: Sample, anchors: str) -> _Features:
     normalisation, window = contender.options.normalisation, sample.face.window
-    start = start_pose(contender, sample, np.zeros(2), 1.0)
+    start = start_pose(contender, sample, np.zeros(2), 1.0, anchors)
     fit = find_in_window(
         contender.levels, contender.warps, normalisation, window, [start], SearchOptions()
     )

@@ -16,10 +16,13 @@ EXPRESSED_FACES = 40
 DRAWN_INTENSITIES = (0.4, 1.0)
 
 
-def unit_part(train: Sequence[Sample], test: Sequence[Sample], size: int, seed: int) -> str:
+def unit_part(
+    train: Sequence[Sample], test: Sequence[Sample], size: int, seed: int, anchors: str = "eyes"
+) -> str:
     """Action units of known and of new people (Tables 3.3, 3.4), in the inside-face frame.
 
     The training set is joined by one drawn expression of each of its faces.
+    anchors: where searches start, see `start_pose`.
     """
     random, count = np.random.default_rng(seed), len(EXPRESSIONS)
     drawn = [
@@ -30,10 +33,13 @@ def unit_part(train: Sequence[Sample], test: Sequence[Sample], size: int, seed: 
         size=size, frame="inside", retained=0.97, mirror=False, regression=False
     )
     contender = train_head([*train, *drawn], options)
-    return unit_tables(contender, *(list(filter(is_at_rest, each)) for each in (train, test)))
+    known, new = (list(filter(is_at_rest, each)) for each in (train, test))
+    return unit_tables(contender, known, new, anchors)
 
 
-def unit_tables(contender: Contender, train: Sequence[Sample], test: Sequence[Sample]) -> str:
+def unit_tables(
+    contender: Contender, train: Sequence[Sample], test: Sequence[Sample], anchors: str = "eyes"
+) -> str:
     """The tables of `unit_part` for a trained AAM, of faces at rest.
 
     Known people are those of several pictures; each is judged by up to half of them, and learned by
@@ -43,9 +49,10 @@ def unit_tables(contender: Contender, train: Sequence[Sample], test: Sequence[Sa
     judged = {each.face.name for each in known}
     learned = [each for each in train if each.face.name not in judged]
     shown = (
-        show_faces(contender, each) for each in (learned, known, _spread(test, EXPRESSED_FACES))
+        show_faces(contender, each, anchors)
+        for each in (learned, known, _spread(test, EXPRESSED_FACES))
     )
-    text = f"## Action units\n\n{len(learned)} faces are learned.\n"
+    text = f"## Action units, searches from {anchors}\n\n{len(learned)} faces are learned.\n"
     for name, (dependent, independent) in recognise(*shown).items():
         text += f"\n{name}, known people:\n\n" + tables.unit_table(dependent, tables.THESIS_KNOWN)
         if independent is not None:
