@@ -67,7 +67,7 @@ player: node_modules/.installed $(INSTALLED)
 	sh scripts/build_player.sh player/built
 	$(BIN)/python -m assets.build_player_data
 
-$(WATCH): node_modules/.installed $(wildcard player/*.js player/*/*.js player/*/*/*.js player/wasm/*.ts)
+$(WATCH): node_modules/.installed $(filter-out player/built/%,$(wildcard player/*.js player/*/*.js player/*/*/*.js player/wasm/*.ts))
 	sh scripts/build_player.sh player/built
 
 # Wheel and source archive in dist/.

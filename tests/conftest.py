@@ -2,8 +2,6 @@
 
 import os
 
-from shared_model.arrays import Picture
-
 # As on a server, in every process that a test starts: no display.  No test needs two cores, and
 # OpenBLAS's threads, whose number it reads when NumPy is imported, wait for each other in busy
 # loops, which takes the cores from the other tests.
@@ -35,6 +33,7 @@ from loopback.browser import find_browser
 from loopback.clip_paths import CARPHONE, clip_path
 from loopback.process_pair import free_port
 from risorius.cli import main
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
 ROOT = Path(__file__).resolve().parent.parent
