@@ -11,7 +11,8 @@ annotations by given landmarks (`annotate --landmarks`), against which first fra
 models of the other half of the people; without it they are not.
 
 A run that was stopped goes on where it was: a part whose table is there, made with the same
-arguments, is passed over.
+arguments, is passed over.  At the end stands what was asked and what all parts that are done have
+reached, in asked.md.
 """
 
 import argparse
@@ -22,7 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aam.validation.experiments import PARTS, run_experiments
+from aam.validation.asked import asked_table
+from aam.validation.experiments import PARTS, ROWS, run_experiments
 from aam.validation.first_frames import read_true_pictures
 from aam.validation.samples import read_samples
 from benchmarks.annotated_sets import AnnotatedSets, annotated_sets
@@ -62,9 +64,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parts = [part for part in parts if part != "first-frames" or truth]
     for name, content in run_experiments(train, samples, truth, parsed.size, parts, tell):
         write_whole(parsed.output / name, content)
-        if isinstance(content, str) and name.endswith(".md"):
+        if isinstance(content, str) and name.endswith(".md") and not name.endswith(ROWS):
             print(content, flush=True)
+    table = asked_table([path.read_text(encoding="utf-8") for path in row_files(parsed.output)])
+    write_whole(parsed.output / "asked.md", table)
+    print(table, flush=True)
     return 0
+
+
+def row_files(output: Path) -> list[Path]:
+    """The files of the parts that are done with their lines of the table, in the parts' order."""
+    paths = (output / f"{part}{ROWS}" for part in PARTS)
+    return [path for path in paths if path.exists() and path.with_name(done(path)).exists()]
+
+
+def done(path: Path) -> str:
+    """The name of the table that says that a part is done, of its file of lines."""
+    return path.name.replace(ROWS, ".md")
 
 
 def unfinished_parts(output: Path, parts: Sequence[str], arguments: Sequence[str]) -> list[str]:

@@ -1,36 +1,22 @@
 """All experiments in a row; each returns its part of the tables."""
 
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
-from aam.charts import has_charts
-from aam.search.search import METHODS, SearchOptions
+from aam.search.search import SearchOptions
 from aam.training.train import TrainingOptions
 from aam.training.train import train as train_model
 from aam.validation import tables
-from aam.validation.contenders import Contender, train_head, train_planar, train_residual_head
+from aam.validation.asked import Asked, Part, asked_rows, joined, verdict
+from aam.validation.contenders import Contender, train_head, train_planar
 from aam.validation.first_frames import FirstFrames, TruePicture, first_frames
-from aam.validation.model_experiments import (
-    EQUAL_ERROR_PX2,
-    is_near_frontal,
-    mode_counts,
-    modes_of_equal_error,
-    specificity,
-)
-from aam.validation.plots import convergence_chart, prediction_plot
-from aam.validation.prediction_experiments import Matrix, parameter_curves, pose_curves
+from aam.validation.model_parts import model_part, prediction_part
 from aam.validation.samples import Sample, split_people
-from aam.validation.search_experiments import (
-    Generalisation,
-    best_possible,
-    convergence,
-    generalisation,
-    step_sheet,
-)
-from aam.validation.search_time import search_time
+from aam.validation.search_experiments import generalisation
+from aam.validation.search_parts import residual_part, search_part, speed_part
 from aam.validation.units.unit_experiment import unit_part
 
 Tell = Callable[[str], None]
@@ -38,17 +24,23 @@ Tell = Callable[[str], None]
 # Experiments in the order of the tables; those that compare the AAM of the head with the 2D AAM.
 PARTS = (
     *("model", "search", "residual", "speed", "prediction", "variants", "first-frames"),
-    *("units", "units-n-sn"),
+    *("units", "units-n-sn", "training"),
 )
+# Of a part's file with its lines of the table of what was asked.
+ROWS = ".rows.md"
 PARTS_OF_PAIR = frozenset({"model", "search", "residual", "speed", "prediction"})
 # Of these, those that need the cascade and those that need the regressed matrix.
 PARTS_OF_SEARCH = frozenset({"search", "residual", "speed"})
 PARTS_OF_MATRICES = frozenset({"search", "speed", "prediction"})
 SEED = 1
-# Share of the shape's variance that modes keep where they include residual ones.
-RESIDUAL_RETAINED = 0.97
-# Faces of the training set whose displacements are predicted.
-DISPLACED_FACES = 80
+# Texels a side of the model whose training is timed, and how long it may take, seconds.
+TRAINED_SIZE, TRAINED_S = 128, 300.0
+# Shares of first frames below 5 % that are asked for, %, by way and folder.
+RIGHT_FRAMES = {
+    "network": {"imm": 98, "ytf": 95, "orl": 95},
+    "network + AAM": {"imm": 98, "ytf": 95, "orl": 95},
+    "Viola-Jones + AAM": {"imm": 90, "ytf": 80, "orl": 80},
+}
 # What is changed one by one (2.4.2 to 2.4.5), from the full frame, retinex, W_s as it is.
 VARIANTS = {
     "full frame, retinex": {},
@@ -88,28 +80,31 @@ def run_experiments(
         tell(part)
         match part:
             case "model":
-                text = model_part(pair, train, test)
+                done = model_part(pair, train, test, SEED)
             case "search":
-                text, drawn = search_part(pair, train, test)
-                yield from drawn.items()
+                done = search_part(pair, train, test, SEED)
             case "residual":
-                text = residual_part(pair, train, test, needed)
+                done = residual_part(pair, train, test, needed, SEED)
             case "speed":
-                text = speed_part(pair, test)
+                done = speed_part(pair, test)
             case "prediction":
-                text, plots = prediction_part(pair, train, test)
-                yield from plots.items()
+                done = prediction_part(pair, train, test)
             case "variants":
-                text = variant_part(train, test, options, tell)
+                done = variant_part(train, test, options, tell)
             case "first-frames":
-                text = first_frame_part([*train, *test], truth, options)
+                done = first_frame_part([*train, *test], truth, options)
             case "units":
-                text = unit_part(train, test, size, SEED)
+                done = unit_part(train, test, size, SEED)
             case "units-n-sn":
-                text = unit_part(train, test, size, SEED, "n-sn")
+                done = unit_part(train, test, size, SEED, "n-sn")
+            case "training":
+                done = training_part(train, replace(options, size=TRAINED_SIZE))
             case _:
                 raise ValueError(f"part is {part!r}, expected one of {PARTS}")
-        yield f"{part}.md", text
+        yield from done.files.items()
+        yield f"{part}{ROWS}", asked_rows(part, done.asked)
+        # The last one: a part whose table is there is done.
+        yield f"{part}.md", done.text
 
 
 def train_pair(
@@ -120,147 +115,9 @@ def train_pair(
     return {"head": train_head(train, options), "2D": train_planar(train, options)}
 
 
-def model_part(pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]) -> str:
-    """Compactness and specificity (3.1.1, 3.1.3); what the modes can reach on the test set."""
-    near, near_test = (list(filter(is_near_frontal, each)) for each in (train, test))
-    cells = {}
-    for name, each in pair.items():
-        shape, combined = modes_of_equal_error(each, near, near_test)
-        cells[name] = [
-            _joined(mode_counts(each, train)),
-            _joined(mode_counts(each, near)),
-            f"{shape}, {combined}",
-            f"{specificity(each, train, SEED):.1f}",
-            f"{best_possible(each, test).error:.1f}",
-        ]
-    labels = [
-        ("shape, texture, combined modes", "-", "-"),
-        (f"the same of the {len(near)} faces within 15 degrees", "9, 81, 33", "31, 106, 53"),
-        (f"shape, combined modes that leave {EQUAL_ERROR_PX2:g} px^2 of the landmarks", "-", "-"),
-        ("specificity, px^2", "6.28", "8.66"),
-        ("best possible error of the test set, px^2", "-", "-"),
-    ]
-    rows = [
-        [label, head, cells["head"][number], planar, cells["2D"][number]]
-        for number, (label, head, planar) in enumerate(labels)
-    ]
-    head = ["", "thesis, head", "here, head", "thesis, 2D", "here, 2D"]
-    return "## Compactness and specificity\n\n" + tables.table(head, rows)
-
-
-def search_part(
-    pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]
-) -> tuple[str, dict[str, str | bytes]]:
-    """Generalisation (Table 3.1); additive searches step by step (Fig. 3.1 to 3.3)."""
-    text = f"## Generalisation: {len(test)} pictures of new people\n\n"
-    text += "Thesis: exact 49.6 (head) and 89.6 (2D), displaced 66.7 and 145.6.\n\n"
-    text += _generalisations(pair, test, METHODS)
-    text += "\nStarts at nasion and subnasale (3.2):\n\n"
-    text += _generalisations(pair, test, ("cascade", "additive"), "n-sn")
-    additive = SearchOptions("additive")
-    paths = {name: convergence(each, test, additive, True, SEED) for name, each in pair.items()}
-    sheets = {name: step_sheet(each, test, additive, True, SEED) for name, each in pair.items()}
-    drawn: dict[str, str | bytes] = {
-        f"search_{name}.png": cv2.imencode(".png", sheet)[1].tobytes()
-        for name, sheet in sheets.items()
-    }
-    if has_charts():
-        drawn["convergence.svg"] = convergence_chart(paths)
-    return text + "\n" + tables.convergence_table(paths), drawn
-
-
-def residual_part(
-    pair: dict[str, Contender],
-    train: Sequence[Sample],
-    test: Sequence[Sample],
-    options: TrainingOptions,
-) -> str:
-    """The same for a head with modes of what AE shapes leave of the landmarks (3.1.2)."""
-    richer = replace(options, shape_retained=RESIDUAL_RETAINED, regression=False)
-    head = train_residual_head(train, richer)
-    pair = {"head": head, "2D": pair["2D"]}
-    counts = ", ".join(str(len(level.shape.variances)) for level in head.levels)
-    text = "## Generalisation of the head with residual modes\n\n"
-    text += f"Shape modes of the levels: {counts}; best possible error of the test set, px^2: "
-    text += f"{best_possible(head, test).error:.1f}.\n\n"
-    return text + _generalisations(pair, test, ("cascade", "additive"))
-
-
-def _generalisations(
-    pair: dict[str, Contender],
-    test: Sequence[Sample],
-    methods: Sequence[str],
-    anchors: str = "eyes",
-) -> str:
-    results: dict[tuple[str, str, str], Generalisation] = {}
-    lines = []
-    for start, displaced in (("exact", False), ("displaced", True)):
-        for method in methods:
-            for name, contender in pair.items():
-                options = SearchOptions(method)
-                each = generalisation(contender, test, options, displaced, SEED, anchors)
-                results[name, method, start] = each
-            better = results["head", method, start].better_than(results["2D", method, start])
-            lines.append(f"- {start} start, {method}: {100 * better:.1f} %")
-    text = tables.search_table(results)
-    return text + "\nThe head is better (thesis: 83.0 and 85.4 %) in\n\n" + "\n".join(lines) + "\n"
-
-
-def speed_part(pair: dict[str, Contender], test: Sequence[Sample]) -> str:
-    """CPU time of a search, ms."""
-    rows = []
-    for method in METHODS:
-        times = [search_time(each, test, SearchOptions(method)) for each in pair.values()]
-        rows.append([method, *(f"{each.median_ms:.1f} ({each.p95_ms:.1f})" for each in times)])
-    text = "## CPU time of a search, ms: median (95th percentile)\n\n"
-    return text + tables.table(["search", *pair], rows)
-
-
-def prediction_part(
-    pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]
-) -> tuple[str, dict[str, str]]:
-    """Displaced pose and parameters (Tables 2.5, 2.6; Fig. 2.20 to 2.22), by either matrix."""
-    step = max(len(train) // DISPLACED_FACES, 1)
-    sets = {"training set": train[::step], "new people": test[:DISPLACED_FACES]}
-    finest = len(pair["head"].levels) - 1
-    ways = {"eq. 2.27": Matrix(finest, False), "regression": Matrix(finest, True)}
-    both = [(f"{way}, {name}", ways[way], own) for way in ways for name, own in sets.items()]
-    pose = {
-        name: {label: pose_curves(each, own, matrix) for label, matrix, own in both}
-        for name, each in pair.items()
-    }
-    parameters = {
-        f"{name}, {label}": parameter_curves(each, own, matrix)
-        for name, each in pair.items()
-        for label, matrix, own in both
-    }
-    coarse = Matrix(0, True)
-    both.append(("regression, training set, coarsest level", coarse, sets["training set"]))
-    wide = {label: pose_curves(pair["head"], own, at, wide=True) for label, at, own in both}
-    text = "\n".join(
-        [
-            "## Prediction of displaced pose\n",
-            tables.pose_table(pose),
-            "Linear range of rotations, head, degrees:\n",
-            tables.range_table(wide),
-            "## Prediction of displaced c\n",
-            tables.parameter_table(parameters),
-        ]
-    )
-    known = {way: f"{way}, training set" for way in ways}
-    plots = {
-        "pose.svg": prediction_plot({way: pose["head"][label] for way, label in known.items()}),
-        "rotations.svg": prediction_plot({way: wide[label] for way, label in known.items()}),
-        "c.svg": prediction_plot(
-            {way: parameters[f"head, {label}"] for way, label in known.items()}, columns=4
-        ),
-    }
-    return text, plots
-
-
 def variant_part(
     train: Sequence[Sample], test: Sequence[Sample], options: TrainingOptions, tell: Tell
-) -> str:
+) -> Part:
     """Frames, light, W_s and the rest, by additive search."""
     rows = []
     for name, changes in VARIANTS.items():
@@ -279,12 +136,12 @@ def variant_part(
         "displaced: px^2",
         "below 5 %, %",
     ]
-    return "## Variants\n\n" + tables.table(head, rows)
+    return Part("## Variants\n\n" + tables.table(head, rows))
 
 
 def first_frame_part(
     train: Sequence[Sample], truth: Sequence[TruePicture], options: TrainingOptions
-) -> str:
+) -> Part:
     """Shares of first frames fitted right; each half of the people by a model of the other half."""
     results: dict[tuple[str, str], list[FirstFrames]] = {}
     for samples, pictures in zip(*folds(train, truth), strict=True):
@@ -293,7 +150,7 @@ def first_frame_part(
             own = [each for each in pictures if each.folder == folder]
             for way, found in first_frames(model, own).items():
                 results.setdefault((folder, way), []).append(found)
-    rows = []
+    rows, right = [], dict[str, dict[str, float]]()
     for folder, way in sorted(results):
         halves = results[folder, way]
         each = FirstFrames(
@@ -301,6 +158,7 @@ def first_frame_part(
             np.concatenate([half.nme_shifted for half in halves]),
         )
         shares = [f"{100 * share:.1f}" for share in (each.found, each.right, each.right_shifted)]
+        right.setdefault(way, {})[folder] = 100 * each.right
         rows.append([folder, way, len(each.nme), *shares, f"{100 * np.median(each.nme):.2f}"])
     head = [
         "faces",
@@ -311,7 +169,28 @@ def first_frame_part(
         "below 5 % of moved truth, %",
         "median distance, %",
     ]
-    return "## First frames of new people\n\n" + tables.table(head, rows)
+    asked = [_asked_frames(way, shares) for way, shares in right.items()]
+    return Part("## First frames of new people\n\n" + tables.table(head, rows), {}, asked)
+
+
+def _asked_frames(way: str, shares: Mapping[str, float]) -> Asked:
+    """shares: of first frames below 5 %, %, by folder; those of other folders are not asked."""
+    limits = {name: limit for name, limit in RIGHT_FRAMES[way].items() if name in shares}
+    what = f"first frames below 5 %, {way}, %: {', '.join(limits)}"
+    met = {name: shares[name] >= limit for name, limit in limits.items()} or {"": False}
+    reached = ", ".join(f"{shares[name]:.1f}" for name in limits)
+    return Asked(what, joined(limits.values()), reached, verdict(met))
+
+
+def training_part(train: Sequence[Sample], options: TrainingOptions) -> Part:
+    """How long a model of all training faces takes."""
+    begin, cpu = time.perf_counter(), time.process_time()
+    train_model([sample.face for sample in train], options)
+    spent, cpu = time.perf_counter() - begin, time.process_time() - cpu
+    what = f"training of {len(train)} faces at {options.size} texels, s"
+    text = f"## Training\n\n{what}: {spent:.0f}, {cpu:.0f} of CPU\n"
+    asked = Asked(what, f"{TRAINED_S:g}", f"{spent:.0f}", verdict({"": spent <= TRAINED_S}))
+    return Part(text, {}, (asked,))
 
 
 def folds(
@@ -325,7 +204,3 @@ def folds(
     other = [[each for each in truth if each.person in own] for own in reversed(people)]
     other[0] += [each for each in truth if each.person not in known]
     return halves, other
-
-
-def _joined(values: Sequence[int]) -> str:
-    return ", ".join(map(str, values))

@@ -11,6 +11,7 @@ from aam.search.search import METHODS, SearchOptions
 from aam.shape_space import SHAPE_COUNT
 from aam.training.train import TrainingOptions
 from aam.validation import tables
+from aam.validation.asked import Asked, asked_rows, asked_table, verdict
 from aam.validation.contenders import (
     NOSE_LINE,
     Contender,
@@ -23,13 +24,11 @@ from aam.validation.contenders import (
 from aam.validation.experiments import (
     PARTS,
     folds,
-    model_part,
-    prediction_part,
     run_experiments,
-    search_part,
-    speed_part,
+    training_part,
 )
 from aam.validation.first_frames import FirstFrames, TruePicture, common_shift
+from aam.validation.model_parts import model_part, prediction_part
 from aam.validation.planar_warp import (
     MIRRORED,
     PLANAR_LANDMARKS,
@@ -48,6 +47,7 @@ from aam.validation.search_experiments import (
     convergence,
     generalisation,
 )
+from aam.validation.search_parts import search_part, speed_part
 from aam.validation.units.action_units import (
     ShownFaces,
     own_neutrals,
@@ -179,7 +179,8 @@ def test_additive_search_finds_new_faces_and_tables_tell(pair: dict[str, Contend
         assert len(last) == options.iterations + 1
         assert first[0] == pytest.approx(still.nme.mean(), rel=0.05)
         assert last[-1] == pytest.approx(found.nme.mean(), rel=0.05)
-    text, drawn = search_part(pair, TRAIN, TEST)
+    part = search_part(pair, TRAIN, TEST, 1)
+    text, drawn = part.text, part.files
     assert text.count("| head |") == text.count("| 2D |") == 2 * len(METHODS) + 6
     assert "displaced start, project-out" in text
     assert set(drawn) == {"search_head.png", "search_2D.png", "convergence.svg"}
@@ -195,7 +196,7 @@ def test_additive_search_finds_new_faces_and_tables_tell(pair: dict[str, Contend
 def test_the_time_of_a_search_is_told_for_both_and_every_method(
     pair: dict[str, Contender],
 ) -> None:
-    rows = speed_part(pair, TEST[:2]).splitlines()[4:]
+    rows = speed_part(pair, TEST[:2]).text.splitlines()[4:]
     assert [row.split("|")[1].strip() for row in rows] == list(METHODS)
     for row in rows:
         median, p95 = (float(each.strip(" ()")) for each in row.split("|")[2].split("("))
@@ -203,11 +204,15 @@ def test_the_time_of_a_search_is_told_for_both_and_every_method(
 
 
 def test_prediction_and_modes_of_both_are_told(pair: dict[str, Contender]) -> None:
-    text, plots = prediction_part(pair, TRAIN, TEST)
+    part = prediction_part(pair, TRAIN, TEST)
+    text, plots = part.text, part.files
     assert all(f"| head | {name} |" in text for name in ("rx", "ry", "rz", "tx", "ty", "scale"))
-    assert all(plot.startswith("<svg") and "polyline" in plot for plot in plots.values())
-    counts = model_part(pair, TRAIN, TEST)
-    assert "9, 81, 33" in counts and "specificity" in counts
+    assert all("polyline" in str(plot) for plot in plots.values())
+    assert [each.what.split(":")[0][:14] for each in part.asked[:3]] == ["one prediction"] * 3
+    assert len(part.asked) == 6
+    model = model_part(pair, TRAIN, TEST, 1)
+    assert "9, 81, 33" in model.text and "specificity" in model.text
+    assert len(model.asked) == 3 and all(" against " in each.reached for each in model.asked)
 
 
 def test_residual_modes_take_in_what_ae_shapes_leave_of_the_landmarks(
@@ -333,3 +338,17 @@ def test_better_is_counted_picture_by_picture() -> None:
     assert one.better_than(other) == 0.75
     assert one.right == 0.75
     assert tables.table(["a"], [[1]]) == "| a |\n| --- |\n| 1 |\n"
+
+
+def test_what_is_asked_is_told_as_reached_missed_or_in_parts() -> None:
+    assert verdict({"": True}) == "reached" and verdict({"x": False, "y": False}) == "missed"
+    assert verdict({"x": True, "y": False, "z": True}) == "x, z reached, y missed"
+    asked = Asked("error", "below 2", "1.5", "reached")
+    table = asked_table([asked_rows("model", [asked]), asked_rows("variants", [])])
+    assert table.splitlines()[-1] == "| error | below 2 | 1.5 | reached | model |"
+    assert len(table.splitlines()) == 5
+
+
+def test_training_is_timed_and_judged(pair: dict[str, Contender]) -> None:
+    part = training_part(TRAIN[:6], replace(OPTIONS, cascade=False, regression=False))
+    assert part.asked[0].verdict == "reached" and "of CPU" in part.text

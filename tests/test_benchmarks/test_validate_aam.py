@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.validate_aam import main, unfinished_parts, write_whole
+from benchmarks.validate_aam import main, row_files, unfinished_parts, write_whole
 
 
 def test_parts_whose_tables_are_there_are_passed_over(tmp_path: Path) -> None:
@@ -15,6 +15,12 @@ def test_parts_whose_tables_are_there_are_passed_over(tmp_path: Path) -> None:
     assert unfinished_parts(tmp_path, ["search"], ["a"]) == []
     assert unfinished_parts(tmp_path, parts, ["b"]) == parts
     assert not (tmp_path / "search.md").exists()
+
+
+def test_the_lines_of_parts_that_are_done_are_gathered_in_their_order(tmp_path: Path) -> None:
+    for name in ("units.rows.md", "units.md", "model.rows.md", "model.md", "search.rows.md"):
+        write_whole(tmp_path / name, name)
+    assert [path.name for path in row_files(tmp_path)] == ["model.rows.md", "units.rows.md"]
 
 
 def test_faces_and_annotations_exclude_each_other(tmp_path: Path) -> None:

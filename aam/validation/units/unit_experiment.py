@@ -1,24 +1,28 @@
 """The experiment on action units (Tables 3.3 and 3.4)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from aam.training.train import TrainingOptions
 from aam.validation import tables
+from aam.validation.asked import Asked, Part, verdict
 from aam.validation.contenders import Contender, train_head
 from aam.validation.samples import Sample
 from aam.validation.units.action_units import recognise, show_faces
 from aam.validation.units.expressed_faces import EXPRESSIONS, is_at_rest, with_units
+from aam.validation.units.outcomes import OUTCOMES, Recognition
 
 # Faces of known and of new people on which expressions are drawn to judge by.
 EXPRESSED_FACES = 40
 DRAWN_INTENSITIES = (0.4, 1.0)
+# The classifiers by which known and new people are judged, see `recognise`.
+KNOWN_BY, NEW_BY = "SVM less own neutral", "SVM of gradients"
 
 
 def unit_part(
     train: Sequence[Sample], test: Sequence[Sample], size: int, seed: int, anchors: str = "eyes"
-) -> str:
+) -> Part:
     """Action units of known and of new people (Tables 3.3, 3.4), in the inside-face frame.
 
     The training set is joined by one drawn expression of each of its faces.
@@ -39,7 +43,7 @@ def unit_part(
 
 def unit_tables(
     contender: Contender, train: Sequence[Sample], test: Sequence[Sample], anchors: str = "eyes"
-) -> str:
+) -> Part:
     """The tables of `unit_part` for a trained AAM, of faces at rest.
 
     Known people are those of several pictures; each is judged by up to half of them, and learned by
@@ -53,12 +57,30 @@ def unit_tables(
         for each in (learned, known, _spread(test, EXPRESSED_FACES))
     )
     text = f"## Action units, searches from {anchors}\n\n{len(learned)} faces are learned.\n"
-    for name, (dependent, independent) in recognise(*shown).items():
+    results = recognise(*shown)
+    for name, (dependent, independent) in results.items():
         text += f"\n{name}, known people:\n\n" + tables.unit_table(dependent, tables.THESIS_KNOWN)
         if independent is not None:
             table = tables.unit_table(independent, tables.THESIS_NEW)
             text += f"\n{name}, new people:\n\n" + table
-    return text
+    known_by, new_by = results[KNOWN_BY][0], results[NEW_BY][1]
+    asked = [_asked(f"known people, {KNOWN_BY} (Table 3.3)", known_by, tables.THESIS_KNOWN)]
+    if new_by is not None:
+        asked.append(_asked(f"new people, {NEW_BY} (Table 3.4)", new_by, tables.THESIS_NEW))
+    return Part(text, {}, asked)
+
+
+def _asked(who: str, found: Recognition, thesis: Mapping[str, tuple[int, ...]]) -> Asked:
+    """Shares of the outcomes of what is shown against the thesis'."""
+    shown, *counts = (sum(each) for each in zip(*thesis.values(), strict=True))
+    limits = {name: 100 * count / shown for name, count in zip(OUTCOMES, counts, strict=True)}
+    reached = {name: 100 * found.share(name) for name in OUTCOMES}
+    met = {
+        "right": reached["right"] >= limits["right"],
+        "false": reached["false"] <= limits["false"],
+    }
+    asked, told = (", ".join(f"{v:.1f}" for v in each.values()) for each in (limits, reached))
+    return Asked(f"action units: {', '.join(OUTCOMES)}, %, {who}", asked, told, verdict(met))
 
 
 def half_of_each_person(samples: Sequence[Sample]) -> list[Sample]:
