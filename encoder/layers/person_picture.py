@@ -42,6 +42,8 @@ TRUST_GREY2, MAX_GREY2 = 60.0, 900.0
 SIGMA_CELLS, MAX_HOLE_CELLS = 1.2, 11
 # Matte below which a pixel of an aligned frame does not show the person.
 MIN_MATTE = 0.6
+# The weight of what a frame would show beyond its edge.
+BEYOND_WEIGHT = 1e-3
 # The least weight of a pixel in the mask.
 MIN_WEIGHT = 0.3
 # So many cells around the mask the picture is not filled in: it is drawn softly there.
@@ -69,7 +71,7 @@ def with_headwear(samples: LayerSamples, scene: SceneLayer) -> LayerSamples:
     shape = FINE_MASK_SIDE, FINE_MASK_SIDE
     motions = list(samples.motion)
     at = positions(samples, motions, shape)
-    share = _median(sampled(samples.mattes_at(shape), at, samples.workers), samples.workers)
+    share = _share(samples, at, shape)
     person = np.asarray(share > PERSON_SHARE)
     found = _headwear(person, *_layer_errors(samples, at, scene))
     if not found.any():
@@ -94,7 +96,7 @@ def person_mask(
     """
     shape = FINE_MASK_SIDE, FINE_MASK_SIDE
     at = positions(samples, motions, shape)
-    share = _median(sampled(samples.mattes_at(shape), at, samples.workers), samples.workers)
+    share = _share(samples, at, shape)
     likely = share > PERSON_SHARE
     of_scene, of_person = _layer_errors(samples, at, scene)
     smooth = of_scene - of_person
@@ -104,10 +106,36 @@ def person_mask(
     return _whole(np.where(near, score > margin, likely))
 
 
-def _median(images: Single, workers: int | None) -> Single:
-    """(h, w) the median of images (n, h, w).  workers: see `parallel_map`."""
-    parts = np.array_split(images, workers or available_cores(), axis=1)
-    return np.concatenate(parallel_map(lambda part: np.median(part, 0), parts, workers))
+def _share(samples: LayerSamples, at: Single, shape: tuple[int, int]) -> Single:
+    """(h, w) the median of the mattes at positions (n, h, w, 2), of the frames that reach so far.
+
+    Where none does, that of what they have at their edges.
+    """
+    mattes = sampled(samples.mattes_at(shape), at, samples.workers)
+    beyond = _within(at, shape) < 1
+    some = beyond.any(0) & ~beyond.all(0)
+
+    def median(part: tuple[Single, Mask, Mask]) -> Single:
+        values, is_beyond, is_some = part
+        middle = np.median(values, 0)
+        known = np.where(is_beyond[:, is_some], np.nan, values[:, is_some])
+        middle[is_some] = np.nanmedian(known, 0)
+        return np.asarray(middle, np.float32)
+
+    count = samples.workers or available_cores()
+    split = np.array_split(mattes, count, 1), np.array_split(beyond, count, 1)
+    parts = zip(*split, np.array_split(some, count), strict=True)
+    return np.concatenate(parallel_map(median, parts, samples.workers))
+
+
+def _within(at: Single, shape: tuple[int, int]) -> Single:
+    """(n, h', w') the weight of positions (n, h', w', 2) in frames (h, w): 1, or beyond them
+    `BEYOND_WEIGHT`, since a frame shows only what is in it.
+    """
+    height, width = shape
+    x, y = at[..., 0], at[..., 1]
+    inside = (x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5)
+    return np.where(inside, np.float32(1), np.float32(BEYOND_WEIGHT))
 
 
 def person_picture(
@@ -166,7 +194,8 @@ def _shown(
         clear = sample(matte, at).ravel()[pixels]
         weight = np.clip((clear - MIN_MATTE) / (1 - MIN_MATTE), 0, 1).astype(np.float32)
         weight = np.maximum(weight, np.float32(MIN_WEIGHT) * inside.ravel()[pixels])
-        return at.reshape(-1, 2)[pixels], weight
+        there = at.reshape(-1, 2)[pixels]
+        return there, weight * _within(there, shape)
 
     each = parallel_map(shown, range(len(motions)), samples.workers)
     at, weights = (np.array(parts) for parts in zip(*each, strict=True))
@@ -190,7 +219,7 @@ def _unmixed(
         frames[number] -= clear * sample(scene.picture, behind)
 
     parallel_map(take_scene, range(len(frames)), samples.workers)
-    mean = robust_mean(frames, np.ones(frames.shape[:3], np.float32), samples.workers)
+    mean = robust_mean(frames, _within(at, shape), samples.workers)
     return np.clip(mean / np.maximum(alpha, SOFT_OPACITY[0])[..., None], 0, 255)
 
 
@@ -230,17 +259,18 @@ def _layer_errors(samples: LayerSamples, at: Single, scene: SceneLayer) -> tuple
     n: FINE_MASK_SIDE, in the canonical picture.  at: its `positions`.
     """
     frames = sampled(samples.small_pictures(), at, samples.workers)
-    person = robust_mean(frames, np.ones(frames.shape[:3], np.float32), samples.workers)
     behind, shape = mask_sized(scene.picture), (FINE_MASK_SIDE, FINE_MASK_SIDE)
+    weights = _within(at, shape)
+    person = robust_mean(frames, weights, samples.workers)
 
     def errors(number: int) -> Single:
         seen = sample(behind, scene.origins(number, at[number], shape, samples.size))
-        return squared_errors(frames[number], seen, person)
+        return weights[number] * squared_errors(frames[number], seen, person)
 
     total = np.zeros((2, *shape), np.float32)
     for each in parallel_map(errors, range(len(frames)), samples.workers):
         total += each
-    of_scene, of_person = total / len(frames)
+    of_scene, of_person = total / weights.sum(0)
     return blurred(of_scene, SIGMA_CELLS), blurred(of_person, SIGMA_CELLS)
 
 

@@ -271,6 +271,26 @@ def test_what_moves_with_the_head_and_adjoins_it_is_the_persons(worn: bool) -> N
     assert np.abs(more - hats * worn)[:, :54].mean() < 0.02
 
 
+def test_a_head_that_most_frames_cut_ends_where_the_others_show_its_end() -> None:
+    given, rise, top = samples(0 * LIGHT), np.array([0, 4, 18, 20, 22, 24, 22, 20, 18]), 16
+    pictures, mattes = list[Array](), list[Array]()
+    for up in rise:
+        picture, matte = picture_of(REST, 0.0)
+        hat = np.zeros((120, 160), bool)
+        hat[max(top - up, 0) : 54, 68:92] = True
+        pictures.append(np.where(hat[..., None], 60, picture))
+        mattes.append(
+            cv2.resize(np.where(hat, 1.0, matte), (128, 128), interpolation=cv2.INTER_AREA)
+        )
+    motion = np.array([np.full_like(given.motion[0], [0, -up]) for up in rise])
+    frames = replace(
+        given, pictures=np.array(pictures, np.uint8), mattes=np.array(mattes), motion=motion
+    )
+    mask = person_mask(frames, list(motion), find_scene(frames))
+    first = np.flatnonzero(mask[:, FINE_MASK_SIDE // 2])[0]
+    assert abs(first - top * FINE_MASK_SIDE / 120) < 4
+
+
 def test_what_is_behind_the_person_is_learned_where_nobody_is_there() -> None:
     given = samples(0 * LIGHT)
     wall = np.asarray(np.rint(WALL), np.uint8)
