@@ -265,7 +265,7 @@ def _layer_errors(samples: LayerSamples, at: Single, scene: SceneLayer) -> tuple
 
     def errors(number: int) -> Single:
         seen = sample(behind, scene.origins(number, at[number], shape, samples.size))
-        return weights[number] * squared_errors(frames[number], seen, person)
+        return np.asarray(weights[number] * squared_errors(frames[number], seen, person))
 
     total = np.zeros((2, *shape), np.float32)
     for each in parallel_map(errors, range(len(frames)), samples.workers):

@@ -279,8 +279,9 @@ def test_a_head_that_most_frames_cut_ends_where_the_others_show_its_end() -> Non
         hat = np.zeros((120, 160), bool)
         hat[max(top - up, 0) : 54, 68:92] = True
         pictures.append(np.where(hat[..., None], 60, picture))
+        whole = np.where(hat, 1.0, matte)
         mattes.append(
-            cv2.resize(np.where(hat, 1.0, matte), (128, 128), interpolation=cv2.INTER_AREA)
+            np.asarray(cv2.resize(whole, (128, 128), interpolation=cv2.INTER_AREA), float)
         )
     motion = np.array([np.full_like(given.motion[0], [0, -up]) for up in rise])
     frames = replace(
