@@ -17,7 +17,7 @@ from encoder.detection.tflite import find_network_folder
 from encoder.fitting.quantised_identity import quantised_identity
 from encoder.fitting.sequence_fit import fit_sequence, smooth_landmarks
 from encoder.learning.frame_sampler import UniformSubsampler
-from encoder.learning.person_model import TrainingOptions, build_person_model
+from encoder.learning.person_model import PersonModelOptions, build_person_model
 from protocol.call_parameters import CallParameters
 from protocol.frames.frame_transform import FrameTransform, vector_from_face
 from shared_model.animate import Face
@@ -68,7 +68,7 @@ def fit_clip(source: str) -> FittedClip:
         initial,
         sampler.frames,
         landmarks,
-        TrainingOptions(budget.texture_size, budget.appearance_bytes, budget.max_modes),
+        PersonModelOptions(budget.texture_size, budget.appearance_bytes, budget.max_modes),
     )
     person, faces = trained.person, list[FaceParameters]()
     with open_source(source) as capture:

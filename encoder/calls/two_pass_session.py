@@ -32,7 +32,7 @@ from encoder.layers.layer_samples import FittedFrames, coarse_picture, typical_f
 from encoder.learning.absence import AbsenceWatch
 from encoder.learning.frame_sampler import DENSE_FRAMES, UniformSubsampler
 from encoder.learning.hidden_faces import HandWatch, SampleHands, without_hands
-from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
+from encoder.learning.person_model import PersonModelOptions, TrainedModel, build_person_model
 from encoder.residual.residual_encoder import has_residual
 from protocol.call_parameters import CallParameters
 from protocol.model_packet import ModelPacket
@@ -155,7 +155,7 @@ class TwoPassEncoder:
         _log.info("%d of %d sampled frames show a hand", len(hands) - len(shown), len(hands))
         canonical = shown[typical_frame([initial[sampled[number]] for number in shown])]
         sizes = budget.texture_size, budget.appearance_bytes, budget.max_modes
-        options = TrainingOptions(*sizes, reference=sampled[canonical])
+        options = PersonModelOptions(*sizes, reference=sampled[canonical])
         with self._stats.stage("train"):
             trained = build_person_model(
                 identity,

@@ -98,7 +98,7 @@ class TrainedModel:
 
 
 @dataclass(frozen=True, slots=True)
-class TrainingOptions:
+class PersonModelOptions:
     """How a person model is trained.
 
     texture_size: the most texels a side.  appearance_bytes: of mean and modes.
@@ -128,7 +128,7 @@ def build_person_model(
     faces: Sequence[FaceParameters],
     sample_frames: Sequence[tuple[int, Picture]],
     landmarks: Sequence[Array],
-    options: TrainingOptions,
+    options: PersonModelOptions,
     workers: int | None = None,
     hands: Sequence[Outlines] = (),
 ) -> TrainedModel:
@@ -171,7 +171,7 @@ def _encode_appearance(
     sharp: TextureSamples,
     mean: Single,
     mask: Single,
-    options: TrainingOptions,
+    options: PersonModelOptions,
 ) -> CodedAppearance:
     most = options.appearance_bytes, options.max_modes
     return encode_appearance(shape, sharp, mean, mask, *most, options.searches_step)
@@ -195,7 +195,7 @@ def _texel_weight(
     footprints: Single,
     faces: Sequence[FaceParameters],
     mask: Single,
-    options: TrainingOptions,
+    options: PersonModelOptions,
 ) -> Single:
     """(k,) weight of each texel's squared errors, less outside the face.
 

@@ -33,7 +33,7 @@ from encoder.learning.hidden_faces import (
     that_come_and_go,
     without_hands,
 )
-from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
+from encoder.learning.person_model import PersonModelOptions, TrainedModel, build_person_model
 from encoder.live_model.background_light import background_in_light
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion, live_distortion
 from encoder.live_model.pacing import LAYER_UPDATES
@@ -267,7 +267,7 @@ class ModelTrainer:
             for each, face in zip(points, faces, strict=True)
         ]
         # Later frames show what these hide in the mouth and behind the eyelids.
-        options = TrainingOptions(
+        options = PersonModelOptions(
             budget.texture_size,
             budget.appearance_bytes,
             budget.max_modes,
