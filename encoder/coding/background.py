@@ -10,7 +10,11 @@ from typing import Protocol
 
 from encoder.detection.segmentation import segment_person
 from encoder.detection.tflite import find_segmentation_network
-from encoder.picture_coding.image_budget import encode_background_within
+from encoder.picture_coding.image_budget import (
+    BACKGROUND_SIDES_PX,
+    ROUGH_SIDE_PX,
+    encode_background_within,
+)
 from protocol.pictures.foreground_mask import serialise_background
 from shared_model.arrays import Array, Mask, Picture
 
@@ -42,12 +46,15 @@ class BackgroundImage:
 
     def encode(self, max_bytes: int) -> bytes:
         """Mask and picture, the picture as fine as `max_bytes` for both allow."""
-        mask = serialise_background(self.foreground, b"")
-        return mask + encode_background_within(self.picture, max_bytes - len(mask))
+        return self._encode(max_bytes, BACKGROUND_SIDES_PX[0])
 
     def encode_rough(self, max_bytes: int) -> bytes:
         """See `Background`."""
-        return self.encode(max_bytes)
+        return self._encode(max_bytes, ROUGH_SIDE_PX)
+
+    def _encode(self, max_bytes: int, side_px: int) -> bytes:
+        mask = serialise_background(self.foreground, b"")
+        return mask + encode_background_within(self.picture, max_bytes - len(mask), side_px)
 
 
 def encoded_in_a_thread(background: Background, max_bytes: int) -> "Future[bytes]":
