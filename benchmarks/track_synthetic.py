@@ -49,6 +49,7 @@ CONFIGURATIONS: Mapping[str, TrackingOptions] = {
         tracker="full", without=frozenset({"network"})
     ),
     "no network at all (Viola-Jones)": TrackingOptions("haar", "full"),
+    "KLT points wherever visible": TrackingOptions(klt_points="visible"),
     "retinex": TrackingOptions(normalise="retinex"),
     "visible half mirrored": TrackingOptions(step="mirrored"),
     "prediction matrix": TrackingOptions(step="matrix"),

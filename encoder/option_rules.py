@@ -30,6 +30,7 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
     "tracker": ("single", "full"),
     "normalise": ("none", "retinex"),
     "abs": ("gauss-newton", "mirrored", "matrix", "mirrored-matrix"),
+    "klt_points": ("first", "visible"),
     "voice": VOICES,
 }
 # Options that have an effect in one profile only, and their defaults.
@@ -43,6 +44,7 @@ THESIS_OPTIONS: Options = {
     "without": frozenset(),
     "normalise": "none",
     "abs": "gauss-newton",
+    "klt_points": "first",
     "refine": True,
 }
 DEFAULT_OPTIONS: Options = {
@@ -55,7 +57,8 @@ DEFAULT_OPTIONS: Options = {
 }
 # Value of an option -> options that have no effect with it.  `without` is a set of such values.
 NO_EFFECT: Mapping[tuple[str, str], tuple[str, ...]] = {
-    ("tracker", "single"): ("without", "normalise", "abs", "refine"),
+    ("tracker", "single"): ("without", "normalise", "abs", "klt_points", "refine"),
+    ("without", "klt"): ("klt_points",),
     ("without", "abs"): ("normalise", "abs", "refine"),
     ("detector", "haar"): ("lids", "refine"),
     ("detector", "network"): ("nose_cascade",),

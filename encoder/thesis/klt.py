@@ -9,7 +9,7 @@ from encoder.capture.colour import luma_u8
 from encoder.thesis.vertex_visibility import VertexVisibility
 from shared_model.animate import Face
 from shared_model.arrays import Array, Mask, Picture, Single, VertexIndices
-from shared_model.geometry import Camera, pixel_from_head
+from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_head
 from shared_model.parameters import FaceParameters, Pose
 
 EYE_DISTANCE_MM = 62.0
@@ -17,11 +17,16 @@ EYE_DISTANCE_MM = 62.0
 _WORKING_PX = 80.0
 # Points are weighted down by the largest motion that an actuator gives them.
 _MUSCLE_MOTION_MM = 1.5
+# Which points are tracked: features of the first frame, or wherever they become visible.
+KLT_POINTS = ("first", "visible")
 # Everything below is in units of the distance between the eyes.
 _SPACING = 0.16
 _WINDOW = 0.26
 _FORWARD_BACKWARD = 0.008
 _SIGMA = 0.008
+# Hidden points are replaced where fewer than this share of them is visible, and the head has turned
+# by this much since it was looked for others.
+_LEAST_VISIBLE, _TURNED_DEG = 0.95, 10.0
 # Candidates whose visibility is computed together.
 _CANDIDATE_BLOCK = 100
 
@@ -51,10 +56,12 @@ class _ReferenceFrame:
 
 
 class KltTracker:
-    """Tracks a fixed set of rigid points from each frame to the next.
+    """Tracks a number of rigid points from each frame to the next.
 
     face: the person's head.  frame, camera, start: a fitted first frame, whose features are used.
     count: number of points, at most.
+    replace_hidden: points that a turn of the head hides give way to features that it shows; their
+        number stays what it is.
 
     Frames are (h, w, 3) uint8 BGR, or faster (h, w) from `luma_u8`.
     The reference of each frame is the frame before it, as in the thesis.  Several reference frames
@@ -68,8 +75,11 @@ class KltTracker:
         camera: Camera,
         start: FaceParameters,
         count: int = 40,
+        replace_hidden: bool = False,
     ) -> None:
         luma = luma_u8(frame)
+        self._replaces_hidden = replace_hidden
+        self._searched_at = _view_direction(start.pose)
         self.index = select_features(face, luma, camera, start, count)
         self.set_face(face)
         self._previous = self._reference(luma, camera, start)
@@ -89,12 +99,34 @@ class KltTracker:
 
     def set_face(self, face: Face) -> None:
         """Use the same points on this head from now on."""
+        self._face = face
         self._points = face.at_vertices(self.index)
         self._visibility = VertexVisibility(face.neutral, face.head.triangles, self.index)
 
     def reset_points(self, frame: Picture, camera: Camera, fitted: FaceParameters) -> None:
         """Reproject the points from the fitted face: the reference of the next frame."""
-        self._previous = self._reference(luma_u8(frame), camera, fitted)
+        luma = luma_u8(frame)
+        if self._replaces_hidden:
+            self._replace_hidden(luma, camera, fitted)
+        self._previous = self._reference(luma, camera, fitted)
+
+    def _replace_hidden(self, luma: Picture, camera: Camera, fitted: FaceParameters) -> None:
+        visible = self._visibility.visible(fitted.pose)
+        direction = _view_direction(fitted.pose)
+        cosine = float(direction @ self._searched_at)
+        if visible.mean() >= _LEAST_VISIBLE or cosine > np.cos(np.radians(_TURNED_DEG)):
+            return
+        self._searched_at = direction
+        pixels = pixel_from_head(camera, fitted.pose, self._face.animate(fitted.eau))
+        least_px = _SPACING * eye_distance_px(camera, fitted.pose)
+        index, hidden = self.index.copy(), list(np.flatnonzero(~visible))
+        for vertex in select_features(self._face, luma, camera, fitted, len(index)):
+            kept = np.delete(index, hidden)
+            apart = np.linalg.norm(pixels[kept] - pixels[vertex], axis=1).min(initial=np.inf)
+            if hidden and apart > least_px:
+                index[hidden.pop()] = vertex
+        self.index = index
+        self.set_face(self._face)
 
     def _reference(self, luma: Picture, camera: Camera, fitted: FaceParameters) -> _ReferenceFrame:
         pixels = pixel_from_head(camera, fitted.pose, self._points.animate(fitted.eau))
@@ -221,6 +253,11 @@ def _warp(luma: Picture, work_from_pixel: Array, size: tuple[int, int]) -> Pictu
 
 def _inside(pixels: Array, shape: tuple[int, ...]) -> Mask:
     return np.asarray(((pixels >= 0) & (pixels <= np.array(shape[1::-1]) - 1)).all(axis=1))
+
+
+def _view_direction(pose: Pose) -> Array:
+    """(3,) the direction of the camera's axis in the head's axes."""
+    return np.asarray(matrix_from_quaternion(pose.rotation)[2])
 
 
 def eye_distance_px(camera: Camera, pose: Pose) -> float:

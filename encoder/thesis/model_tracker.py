@@ -68,6 +68,7 @@ class ModelTracker:
     measurer: finds the face first and after it was lost; also measures every frame unless "network"
         is left out.
     without: which of `TRACKER_PARTS` are left out.  fit_options: how the textured model is fitted.
+    klt_points: one of `KLT_POINTS`.
     refine_identity: whether the identity is refined, if the measurer uses landmarks and "abs" is
         not left out.
     """
@@ -81,6 +82,7 @@ class ModelTracker:
         without: frozenset[str] = frozenset(),
         fit_options: FitOptions = DEFAULT_OPTIONS,
         refine_identity: bool = False,
+        klt_points: str = "first",
     ) -> None:
         if not without <= set(TRACKER_PARTS):
             expected = ", ".join(TRACKER_PARTS)
@@ -88,6 +90,7 @@ class ModelTracker:
         self._head, self._active = head, list(active)
         self._elapsed_s, self._measurer, self._without = elapsed_s, measurer, without
         self._fit_options, self._refine_identity = fit_options, refine_identity
+        self._klt_points = klt_points
         self._person: TrackedPerson | None = None
         self._identity_refiner: IdentityRefiner | None = None
         self._fusion: MeasurementFusion | None = None
@@ -147,7 +150,8 @@ class ModelTracker:
             PersonTexture(self._head, face, camera, luma, start, size, self._fit_options)
             for size in MAX_ATLAS_SIZES
         )
-        klt = KltTracker(face, luma, camera, start)
+        follows = self._klt_points == "visible"
+        klt = KltTracker(face, luma, camera, start, replace_hidden=follows)
         chosen = np.linspace(0, len(klt.index) - 1, min(FIT_POINTS, len(klt.index))).astype(int)
         self._person = TrackedPerson(fitted, face, textures, klt, klt.index[chosen])
         if self._can_refine(fitted):

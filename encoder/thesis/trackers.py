@@ -22,6 +22,7 @@ from encoder.thesis.detection_measurement import (
     HaarMeasurer,
     LandmarkMeasurer,
 )
+from encoder.thesis.klt import KLT_POINTS
 from encoder.thesis.model_tracker import TRACKER_PARTS, ModelTracker
 from encoder.thesis.network_landmarks import NetworkLandmarks
 from encoder.thesis.person_texture import FitOptions
@@ -91,6 +92,7 @@ class TrackingOptions:
     without: parts of the full tracker to leave out, some of `TRACKER_PARTS`.
     normalise: photometric normalisation of the full tracker, one of `NORMALISATIONS`.
     step: how the full tracker fits the texture, one of `FITTERS`.
+    klt_points: one of `KLT_POINTS`, of the full tracker.
     eyelids: find and send the eyelids, by the iris network.
     refine_identity: refine the identity during the call; the full tracker only.
     landmarks: finds landmarks instead of the network; None: the detector says how.
@@ -106,6 +108,7 @@ class TrackingOptions:
     refine_identity: bool = True
     landmarks: LandmarkSource | None = None
     nose: Path | None = None
+    klt_points: str = "first"
 
 
 def open_tracker(
@@ -126,6 +129,7 @@ def open_tracker(
     _check("part", options.without, TRACKER_PARTS)
     _check("normalisation", [options.normalise], tuple(NORMALISATIONS))
     _check("step", [options.step], tuple(FITTERS))
+    _check("choice of points", [options.klt_points], KLT_POINTS)
     landmarks = options.landmarks
     if landmarks is None and options.detector == "network":
         landmarks = _network_landmarks(warn, options.eyelids)
@@ -137,7 +141,14 @@ def open_tracker(
             measurer = LandmarkMeasurer(head, size, active, landmarks, warn)
         fit = FitOptions(NORMALISATIONS[options.normalise], FITTERS[options.step])
         return ModelTracker(
-            head, active, elapsed_s, measurer, options.without, fit, options.refine_identity
+            head,
+            active,
+            elapsed_s,
+            measurer,
+            options.without,
+            fit,
+            options.refine_identity,
+            klt_points=options.klt_points,
         )
     if landmarks is None:
         return HaarPoseTracker(head, size, HaarDetector(options.nose), warn)

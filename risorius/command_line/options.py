@@ -143,6 +143,13 @@ def add_tracking(parser: argparse.ArgumentParser) -> None:
         " visible half of a turned face mirrored, by the thesis' prediction matrix, or by that with"
         " the half mirrored (default: %(default)s)",
     )
+    parser.add_argument(
+        "--klt-points",
+        choices=CHOICES["klt_points"],
+        default="first",
+        help="thesis profile: the points that KLT tracks: features of the first frame, or of any"
+        " in which they become visible as the head turns (default: %(default)s)",
+    )
 
 
 def add_sound(parser: argparse.ArgumentParser) -> None:

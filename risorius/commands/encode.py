@@ -168,6 +168,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
             arguments.refine,
             landmark_source(arguments.aam, nose, arguments.aam_every_frame),
             nose,
+            arguments.klt_points,
         ),
         pace=over_link if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,

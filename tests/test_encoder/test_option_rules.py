@@ -10,6 +10,7 @@ from processes import error_line
 
 from encoder.appearance.photometric import NORMALISATIONS
 from encoder.option_rules import with_preset
+from encoder.thesis.klt import KLT_POINTS
 from encoder.thesis.trackers import DETECTORS, FITTERS, TRACKERS
 from protocol.summary import summarise
 from risorius.cli import build_parser, main
@@ -102,6 +103,7 @@ def test_the_profile_follows_from_the_options(
         ("--tracker", TRACKERS),
         ("--normalise", NORMALISATIONS),
         ("--abs", FITTERS),
+        ("--klt-points", KLT_POINTS),
     ],
 )
 def test_the_choices_of_an_option_are_those_that_the_encoder_has(
@@ -119,6 +121,7 @@ def test_the_choices_of_an_option_are_those_that_the_encoder_has(
         ("--tracker single --abs matrix", "--abs matrix"),
         ("--tracker single --normalise retinex", "--normalise retinex"),
         ("--tracker single --no-refine", "--no-refine"),
+        ("--without klt --klt-points visible", "--klt-points visible"),
         ("--without abs,klt --normalise retinex", "--normalise retinex"),
         ("--detector haar --lids", "--lids"),
         ("--aam m.npz --detector haar", "--detector haar"),
@@ -138,6 +141,7 @@ def test_options_without_effect_in_a_combination_are_refused(
     [
         "--tracker single --detector haar",
         "--without klt,ekf",
+        "--klt-points visible",
         "--aam m.npz --no-refine",
         "--aam m.npz --nose-cascade n.xml",
     ],

@@ -152,3 +152,38 @@ def test_points_move_to_another_shape_with_set_face(
     tracks = tracker.track(picture, FAR, face)
     np.testing.assert_allclose(tracks.points_mm, wider.neutral[tracker.index])
     assert np.abs(tracks.points_mm - FACE.neutral[tracker.index]).max() > 0.5
+
+
+def turned(yaw_deg: float) -> FaceParameters:
+    return FaceParameters(pose_from_euler(0, yaw_deg, 0, np.array([0.0, 0.0, 40_000.0])))
+
+
+def test_hidden_points_give_way_to_others_where_that_is_asked(
+    start: tuple[np.ndarray, FaceParameters],
+) -> None:
+    fixed = KltTracker(FACE, start[0], FAR, start[1])
+    tracker = KltTracker(FACE, start[0], FAR, start[1], replace_hidden=True)
+    first = tracker.index.copy()
+    np.testing.assert_array_equal(first, fixed.index)
+    for each in (fixed, tracker):
+        each.reset_points(start[0], FAR, turned(60))
+    np.testing.assert_array_equal(first, fixed.index)
+    assert len(tracker.index) == len(first) and len(set(tracker.index)) == len(first)
+    shown = [
+        VertexVisibility(HEAD.vertices, HEAD.triangles, each.index).visible(turned(60).pose)
+        for each in (fixed, tracker)
+    ]
+    assert shown[1].sum() > shown[0].sum() + 3
+    # Those that are still seen stay in their places.
+    np.testing.assert_array_equal(tracker.index[shown[0]], first[shown[0]])
+    tracks = tracker.track(start[0], FAR, turned(60))
+    assert np.isfinite(tracks.variance_px2).sum() > 0.8 * shown[1].sum()
+
+
+def test_a_head_that_has_not_turned_keeps_its_points(
+    start: tuple[np.ndarray, FaceParameters],
+) -> None:
+    tracker = KltTracker(FACE, start[0], FAR, start[1], replace_hidden=True)
+    first = tracker.index.copy()
+    tracker.reset_points(start[0], FAR, turned(5))
+    np.testing.assert_array_equal(first, tracker.index)

@@ -102,8 +102,11 @@ def track_film(
     measurer: TruthMeasurer,
     without: frozenset[str] = frozenset(),
     fit_options: FitOptions = DEFAULT_OPTIONS,
+    klt_points: str = "first",
 ) -> list[FaceParameters | None]:
-    tracker = ModelTracker(HEAD, ACTIVE, STEP_S, measurer, without, fit_options)
+    tracker = ModelTracker(
+        HEAD, ACTIVE, STEP_S, measurer, without, fit_options, klt_points=klt_points
+    )
     found = []
     for step, frame in enumerate(film):
         measurer.step = step
@@ -128,6 +131,12 @@ def test_pose_and_mouth_are_tracked_without_landmarks(film: list[Picture]) -> No
     assert None not in found
     assert degrees_off(found) < 1.0
     assert actuators_off(found) < 0.08
+
+
+def test_points_wherever_they_become_visible_track_as_well(film: list[Picture]) -> None:
+    found = track_film(film, TruthMeasurer(), frozenset({"network"}), klt_points="visible")
+    assert None not in found
+    assert degrees_off(found) < 1.0
 
 
 @pytest.mark.parametrize("part", TRACKER_PARTS)
