@@ -21,6 +21,7 @@ def run_tracks(arguments: argparse.Namespace) -> int:
         ClipTrack,
         TrackBenchOptions,
         bench_tracks,
+        expression_rows,
         pose_chart,
         pose_rows,
         scores_of,
@@ -45,7 +46,8 @@ def run_tracks(arguments: argparse.Namespace) -> int:
             if item.poses is not None and has_charts():
                 write_report(folder / f"{item.name}.svg", pose_chart(item).encode())
             write_json(folder / "report.json", track_report(clips, failures))
-    for head, rows in (pose_rows(clips), unit_rows(scores_of(clips))):
+    tables = (pose_rows(clips), expression_rows(clips), unit_rows(scores_of(clips)))
+    for head, rows in tables:
         if rows:
             print(f"{table(head, rows)}\n")
     if clips:

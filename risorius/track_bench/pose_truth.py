@@ -22,6 +22,7 @@ from shared_model.geometry import (
     pose_from_euler,
     quaternion_from_matrix,
 )
+from shared_model.parameters import EAUS
 
 BIWI_ENDING = "_pose.txt"
 
@@ -31,10 +32,12 @@ class PoseTruth:
     """kind: "BU", "BIWI" or "animation".
 
     rotation: (t, 4) `camera_from_head` of each frame, a unit quaternion (`geometry.py`).
+    eau: (t, len(EAUS)) of an animation; None: not known.
     """
 
     kind: str
     rotation: Array
+    eau: Array | None = None
 
 
 def find_pose_truth(place: Path, source: str) -> PoseTruth:
@@ -83,9 +86,10 @@ def read_animation(paths: Sequence[Path]) -> PoseTruth:
     try:
         frames = json.loads(paths[0].read_text(encoding="utf-8"))["frames"]
         rotation = np.array([frame["rotation"] for frame in frames], dtype=np.float64)
+        eau = np.array([frame["eau"] for frame in frames], dtype=np.float64)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{paths[0]}: not the truth of an animation: {error}") from error
-    return PoseTruth("animation", rotation.reshape(-1, 4))
+    return PoseTruth("animation", rotation.reshape(-1, 4), eau.reshape(-1, len(EAUS)))
 
 
 def _numbers(path: Path) -> Array:

@@ -11,11 +11,13 @@ from aam.charts import Line, Panel, chart_svg
 from loopback.bench import ClipFailure, check_recorded, output_names
 from loopback.report import Cell, rounded
 from risorius.face_track import FaceTrack, track
+from risorius.track_bench.expression_errors import ExpressionComparison, compare_expressions
 from risorius.track_bench.pose_errors import ANGLES, PoseComparison, compare_poses
 from risorius.track_bench.pose_truth import find_pose_truth
 from risorius.track_bench.unit_labels import UnitLabels, find_unit_labels
 from risorius.track_bench.unit_scores import UnitScore, unit_scores
 from shared_model.errors import UserError
+from shared_model.parameters import EAU_INDEX, EAUS, THESIS_EAUS
 
 # Of report.json: raised where a figure changes its name or meaning.
 SCHEMA = "risorius-track-bench/1"
@@ -42,6 +44,7 @@ class ClipTrack:
     name: str
     found: FaceTrack
     poses: PoseComparison | None
+    expressions: ExpressionComparison | None
     labels: UnitLabels | None
 
 
@@ -74,12 +77,13 @@ def _tracked(source: str, name: str, options: TrackBenchOptions) -> ClipTrack:
     labels = None if options.labels is None else find_unit_labels(options.labels, source)
     found = track(source, options.max_frames, aam=options.aam)
     if truth is None:
-        return ClipTrack(source, name, found, None, labels)
+        return ClipTrack(source, name, found, None, None, labels)
     try:
         poses = compare_poses(found.pose[:, :3], truth.rotation)
     except ValueError as error:
         raise UserError(f"{source}: no face in the frames whose pose is known") from error
-    return ClipTrack(source, name, found, poses, labels)
+    expressions = None if truth.eau is None else compare_expressions(found.eau, truth.eau)
+    return ClipTrack(source, name, found, poses, expressions, labels)
 
 
 def scores_of(clips: Sequence[ClipTrack]) -> dict[str, UnitScore]:
@@ -91,7 +95,7 @@ def track_report(clips: Sequence[ClipTrack], failures: Sequence[ClipFailure]) ->
     """What report.json says: the figures of each clip, of each unit, and `failed`."""
     return {
         "schema": SCHEMA,
-        "clips": [{"source": c.source, **_pose_figures(c.poses)} for c in clips],
+        "clips": [{"source": c.source, **_figures(c)} for c in clips],
         "units": {name: asdict(score) for name, score in scores_of(clips).items()},
         "failed": [{"source": f.source, "error": str(f.error)} for f in failures],
     }
@@ -110,6 +114,18 @@ def pose_rows(clips: Sequence[ClipTrack]) -> tuple[list[str], list[list[Cell]]]:
     for name, p in measured:
         errors = [rounded(float(v)) for each in (p.mean_deg, p.rms_deg) for v in each]
         rows.append([name, len(p.found), rounded(100 * p.found_share, 1), *errors])
+    return head, rows
+
+
+def expression_rows(clips: Sequence[ClipTrack]) -> tuple[list[str], list[list[Cell]]]:
+    """The table of actuators of animations: head and rows."""
+    head = ["clip", *(f"rms {name}" for name in THESIS_EAUS), "same emotion %"]
+    rows: list[list[Cell]] = []
+    for clip in clips:
+        if clip.expressions is not None:
+            errors = [rounded(float(clip.expressions.rms[EAU_INDEX[n]]), 3) for n in THESIS_EAUS]
+            same = rounded(100 * clip.expressions.same_emotion, 1)
+            rows.append([Path(clip.source).name, *errors, same])
     return head, rows
 
 
@@ -148,7 +164,8 @@ def pose_chart(clip: ClipTrack) -> str:
     return chart_svg(panels)
 
 
-def _pose_figures(poses: PoseComparison | None) -> dict[str, Any]:
+def _figures(clip: ClipTrack) -> dict[str, Any]:
+    poses, expressions = clip.poses, clip.expressions
     if poses is None:
         return {}
     figures: dict[str, Any] = {"frames": len(poses.found), "found": rounded(poses.found_share, 4)}
@@ -157,4 +174,8 @@ def _pose_figures(poses: PoseComparison | None) -> dict[str, Any]:
             f"{angle}_{kind}_deg": rounded(float(v), 3)
             for angle, v in zip(ANGLES, values, strict=True)
         }
+    if expressions is not None:
+        pairs = zip(EAUS, expressions.rms, strict=True)
+        figures["eau_rms"] = {eau.name: rounded(float(v), 4) for eau, v in pairs}
+        figures["same_emotion"] = rounded(expressions.same_emotion, 4)
     return figures

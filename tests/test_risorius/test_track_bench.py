@@ -9,15 +9,17 @@ from processes import error_line
 
 from risorius.animation.animate import AnimateOptions, animate
 from risorius.cli import main
+from risorius.track_bench.expression_errors import compare_expressions
 from risorius.track_bench.pose_errors import compare_poses
 from risorius.track_bench.pose_truth import find_pose_truth
 from risorius.track_bench.truth_files import matching_key, source_names
 from risorius.track_bench.unit_labels import UnitLabels, find_unit_labels
 from risorius.track_bench.unit_scores import unit_scores
+from shared_model.anatomy.expressions import EMOTIONS
 from shared_model.arrays import Array
 from shared_model.errors import UserError
 from shared_model.geometry import FRONTAL, euler_deg, matrix_from_quaternion, pose_from_euler
-from shared_model.parameters import Pose
+from shared_model.parameters import EAUS, Pose
 
 TURNS = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 20.0, 0.0], [0.0, 0.0, -15.0]])
 SCRIPT = """
@@ -102,6 +104,16 @@ def test_poses_are_compared_by_their_turn_from_the_first_face() -> None:
     off = compare_poses(TURNS + np.array([[0, 0, 0], away, away, away]), true)
     np.testing.assert_allclose(off.mean_deg, 0.75 * np.abs(away), atol=1e-9)
     np.testing.assert_allclose(off.rms_deg, np.sqrt(0.75) * np.abs(away), atol=1e-9)
+
+
+def test_actuators_are_compared_where_there_is_a_face() -> None:
+    truth = np.stack([np.zeros(len(EAUS)), *(each.peak() for each in EMOTIONS)])
+    found = truth.copy()
+    found[1], found[2] = np.nan, 0
+    compared = compare_expressions(found, np.vstack([truth, truth]))
+    assert compared.same_emotion == pytest.approx(5 / 6)
+    anger = EMOTIONS[1].peak()
+    np.testing.assert_allclose(compared.rms, np.abs(anger) / np.sqrt(6), atol=1e-12)
 
 
 def test_labels_of_disfa_count_from_an_intensity_of_two(tmp_path: Path) -> None:
@@ -197,6 +209,7 @@ def test_the_command_tracks_and_compares_with_the_truth_of_an_animation(
     report = json.loads((out / "report.json").read_text())
     clip = report["clips"][0]
     assert clip["frames"] == 50 and clip["found"] == 1
+    assert clip["eau_rms"]["jaw_drop"] < 0.15 and clip["same_emotion"] > 0.5
     assert clip["yaw_mean_deg"] < 3 and clip["pitch_rms_deg"] < 3
     assert report["units"]["AU26"]["auc"] > 0.95
     assert "rms yaw" in said and "AU26" in said
