@@ -31,11 +31,13 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
     "normalise": ("none", "retinex"),
     "abs": ("gauss-newton", "mirrored", "matrix", "mirrored-matrix"),
     "klt_points": ("first", "visible"),
+    "projection": ("perspective", "lowe"),
     "voice": VOICES,
 }
 # Options that have an effect in one profile only, and their defaults.
 THESIS_OPTIONS: Options = {
     "lids": False,
+    "texture_modes": 0,
     "detector": "network",
     "aam": None,
     "nose_cascade": None,
@@ -45,6 +47,8 @@ THESIS_OPTIONS: Options = {
     "normalise": "none",
     "abs": "gauss-newton",
     "klt_points": "first",
+    "projection": "perspective",
+    "free_focal": False,
     "refine": True,
 }
 DEFAULT_OPTIONS: Options = {
@@ -57,14 +61,18 @@ DEFAULT_OPTIONS: Options = {
 }
 # Value of an option -> options that have no effect with it.  `without` is a set of such values.
 NO_EFFECT: Mapping[tuple[str, str], tuple[str, ...]] = {
-    ("tracker", "single"): ("without", "normalise", "abs", "klt_points", "refine"),
     ("without", "klt"): ("klt_points",),
+    ("tracker", "single"): (
+        *("without", "normalise", "abs", "refine"),
+        *("klt_points", "projection", "free_focal"),
+    ),
+    ("without", "ekf"): ("projection", "free_focal"),
     ("without", "abs"): ("normalise", "abs", "refine"),
     ("detector", "haar"): ("lids", "refine"),
     ("detector", "network"): ("nose_cascade",),
 }
 # Option -> options that have no effect where it is given.
-REPLACED: Mapping[str, tuple[str, ...]] = {"aam": ("detector",)}
+REPLACED: Mapping[str, tuple[str, ...]] = {"aam": ("detector",), "texture_modes": ("refine",)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +102,7 @@ RANGES: Mapping[str, Range] = {
     "delay": Range(0, 10, "seconds"),
     "model_bytes": Range(2000, 100_000, "bytes", is_integer=True),
     "max_frames": Range(1, 1e9, "frames", is_integer=True),
+    "texture_modes": Range(0, 64, "modes", is_integer=True),
 }
 
 
@@ -164,12 +173,7 @@ def available_profile() -> str:
 
 
 def _check_effects(options: Options, spelling: Spelling) -> None:
-    replaced = {
-        other
-        for name, others in REPLACED.items()
-        if options.get(name) is not None
-        for other in others
-    }
+    replaced = {other for name, others in REPLACED.items() if options.get(name) for other in others}
     for (name, value), others in NO_EFFECT.items():
         given = None if name in replaced else options.get(name)
         is_part = isinstance(given, Collection) and not isinstance(given, str) and value in given
@@ -180,7 +184,7 @@ def _check_effects(options: Options, spelling: Spelling) -> None:
             f"{spelling('aam_every_frame', True)} is about the model of --aam; add --aam MODEL"
         )
     for name, others in REPLACED.items():
-        if options.get(name) is not None:
+        if options.get(name):
             _check_idle(options, name, others, spelling)
 
 

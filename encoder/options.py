@@ -22,6 +22,8 @@ class EncodeOptions:
     lossless: over the network no packet is dropped, however slow: for measurements, not live calls.
     tracking: how the thesis profile tracks the face.
     profile: "thesis" or "default".
+    texture_modes: of a recorded call in the thesis profile, at most so many appearance modes of the
+        person; 0: one texture.
     bitrate: bits per second that frame packets take (default profile).
     startup_bitrate: bits per second of all packets together while the model is sent in layers
         (default profile), above `bitrate`; None: what a thin link carries, else the model is sent
@@ -53,6 +55,7 @@ class EncodeOptions:
     security: LinkSecurity = field(default_factory=LinkSecurity)
     lossless: bool = False
     profile: str = "default"
+    texture_modes: int = 0
     bitrate: float = 800.0
     startup_bitrate: float | None = None
     fps: float | None = None

@@ -3,8 +3,10 @@
     thesis    frame -> track -> ten samples a second -> packets
     live      frame -> landmarks -> fit -> packet filled -> coded -> packets
     two-pass  frames -> landmarks -> model -> frames again -> fit -> whole call coded -> packets
+    thesis with texture modes: two-pass, by the faces that are tracked instead of landmarks
 
-Each is a session of `encoder.calls`; thesis and live ones are a `CallSession`.
+Each is a session of `encoder.calls` or `encoder.thesis`; those of one pass are a `CallSession`,
+those of two a `RecordedPass`.
 """
 
 import logging
@@ -13,7 +15,7 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 
 from encoder.calls.call_events import CallEvents
-from encoder.calls.call_session import CallSession, FramePass, run_pass
+from encoder.calls.call_session import CallSession, FramePass, RecordedPass, run_pass
 from encoder.calls.face_search import open_landmark_search
 from encoder.calls.frame_source import FrameSource, dropping_frames
 from encoder.calls.live_session import LiveEncoder, LiveSettings
@@ -41,8 +43,9 @@ from encoder.report import EncodeReport, report_of
 from encoder.residual.residual_encoder import faces_bitrate
 from encoder.sound.open_voice import chosen_voice, open_voice
 from encoder.sound.voice_packer import VoicePacker
+from encoder.thesis.texture_mode_session import TextureModeEncoder
 from encoder.thesis.thesis_session import ThesisEncoder
-from encoder.thesis.trackers import TRACKED_EAUS, open_tracker
+from encoder.thesis.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, open_tracker
 from protocol.link.interface import MessageCallback, PacketSink, ignore_message
 from runtime.parallel import one_blas_thread, short_switch_interval
 from shared_model.arrays import Array, Picture
@@ -74,7 +77,7 @@ def encode(
     with ExitStack() as stack:
         stack.enter_context(one_blas_thread())
         stack.enter_context(short_switch_interval())
-        if is_pipe(options.source) and options.profile == "default" and not options.live:
+        if is_pipe(options.source) and _is_read_twice(options):
             on_message("what comes through the pipe is read to its end first; --live: as it comes")
             options = replace(options, source=stack.enter_context(spooled(options.source)))
         capture = open_source(options.source, square_pixels=True)
@@ -87,7 +90,7 @@ def encode(
         is_live = options.profile == "default" and (options.live or capture.is_live)
         if not is_live:
             _wait_for_peer(options, sink)
-        if options.profile == "thesis":
+        if options.profile == "thesis" and not options.texture_modes:
             encode_thesis(options, capture, sink, stats, callbacks, voice)
         elif is_live:
             encode_live(options, capture, sink, stats, callbacks, voice)
@@ -100,6 +103,12 @@ def encode(
         return report_of(options, capture, stats, sink.reachability)
 
 
+def _is_read_twice(options: EncodeOptions) -> bool:
+    if options.profile == "thesis":
+        return options.texture_modes > 0
+    return not options.live
+
+
 def encode_thesis(
     options: EncodeOptions,
     capture: Capture,
@@ -109,10 +118,7 @@ def encode_thesis(
     voice: VoicePacker | None = None,
 ) -> None:
     """Track the face frame by frame and send ten samples a second."""
-    size, frame_s = (capture.width, capture.height), float(1 / capture.fps)
-    tracker = open_tracker(
-        options.tracking, generic_head(), size, TRACKED_EAUS, frame_s, stats.warn
-    )
+    tracker = _tracker(options.tracking, capture, stats)
     packets = PacketSender(sink, stats, times=capture.times, voice=voice)
     session = ThesisEncoder(
         capture,
@@ -124,6 +130,11 @@ def encode_thesis(
         options.tracking.eyelids,
     )
     run_session(session, packets, options, capture, stats, callbacks)
+
+
+def _tracker(tracking: TrackingOptions, capture: Capture, stats: SessionStats) -> FaceTracker:
+    size, frame_s = (capture.width, capture.height), float(1 / capture.fps)
+    return open_tracker(tracking, generic_head(), size, TRACKED_EAUS, frame_s, stats.warn)
 
 
 def encode_live(
@@ -191,7 +202,8 @@ def encode_two_pass(
     voice: VoicePacker | None = None,
 ) -> None:
     """Go through the whole source twice, then code and send the call."""
-    pacer = _pacer(options, sink, _gop(options, capture), capture)
+    is_default = options.profile == "default"
+    pacer = _pacer(options, sink, _gop(options, capture), capture) if is_default else None
     packets = PacketSender(sink, stats, pacer, capture.times, voice)
     encoder = first_and_second_pass(options, capture, stats, callbacks)
     call = encode_recorded(encoder, options, stats, callbacks, packets.pacer is not None)
@@ -203,7 +215,7 @@ def encode_two_pass(
 
 
 def encode_recorded(
-    encoder: RecordedEncoder,
+    encoder: RecordedPass,
     options: EncodeOptions,
     stats: SessionStats,
     callbacks: SessionCallbacks,
@@ -265,7 +277,7 @@ def first_and_second_pass(
     capture: Capture,
     stats: SessionStats,
     callbacks: SessionCallbacks,
-) -> RecordedEncoder:
+) -> RecordedPass:
     """Go through the whole source twice: the encoder is ready for any bitrate.
 
     Raises `UserError` if the source shows no face, and `KeyboardInterrupt` if it was stopped before
@@ -284,9 +296,9 @@ def first_pass(
     capture: Capture,
     stats: SessionStats,
     callbacks: SessionCallbacks,
-) -> RecordedEncoder:
-    """Landmarks of every frame, then the model of the person."""
-    encoder = RecordedEncoder(capture, stats, _gop(options, capture))
+) -> RecordedPass:
+    """Landmarks or the tracked face of every frame, then the model of the person."""
+    encoder = _recorded_pass(options, capture, stats)
     source = FrameSource(capture, stats, callbacks.stop, options.max_frames)
     callbacks.on_preparing("first pass")
 
@@ -297,13 +309,33 @@ def first_pass(
     if callbacks.stop():
         raise KeyboardInterrupt
     callbacks.on_preparing("training the model")
-    encoder.build_models(budget_for("default", options.model_bytes))
+    encoder.build_models(budget_for(options.profile, options.model_bytes))
     callbacks.on_preparing("")
     return encoder
 
 
+def _recorded_pass(options: EncodeOptions, capture: Capture, stats: SessionStats) -> RecordedPass:
+    """Raises `UserError` for texture modes of a source that ends when it likes."""
+    if options.profile == "default":
+        return RecordedEncoder(capture, stats, _gop(options, capture))
+    if capture.is_live:
+        raise UserError(
+            "--texture-modes looks at a whole recording before it sends; leave it out for a camera"
+        )
+    # Faces of before and after a refinement would be of different heads.
+    tracking = replace(options.tracking, refine_identity=False)
+    return TextureModeEncoder(
+        capture,
+        _tracker(tracking, capture, stats),
+        options.texture_modes,
+        options.look_for_face_s,
+        stats,
+        options.tracking.eyelids,
+    )
+
+
 def second_pass(
-    encoder: RecordedEncoder,
+    encoder: RecordedPass,
     options: EncodeOptions,
     stats: SessionStats,
     callbacks: SessionCallbacks,

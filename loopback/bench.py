@@ -90,6 +90,9 @@ class BenchSettings:
     delay: float = 0.0
     startup_bitrate: float | None = None
     lids: bool = False
+    texture_modes: int = 0
+    projection: str = "perspective"
+    free_focal: bool = False
     refine: bool = True
     busy: int = 0
     cores: str | None = None
@@ -107,6 +110,9 @@ class BenchSettings:
         if self.nose_cascade is not None:
             options += ["--nose-cascade", self.nose_cascade]
         options += ["--lids"] if self.lids else []
+        options += ["--texture-modes", str(self.texture_modes)] if self.texture_modes else []
+        options += [] if self.projection == "perspective" else ["--projection", self.projection]
+        options += ["--free-focal"] if self.free_focal else []
         options += [] if self.refine else ["--no-refine"]
         options += [] if self.fps is None else ["--fps", str(self.fps)]
         if self.startup_bitrate is not None:

@@ -4,6 +4,8 @@ from collections.abc import Iterable
 from typing import Protocol
 
 from encoder.calls.session_callbacks import Progress
+from encoder.calls.two_pass_session import EncodedCall
+from encoder.coding.model_packet import ModelBudget
 from shared_model.arrays import Picture
 
 
@@ -27,6 +29,33 @@ class CallSession(FramePass, Protocol):
 
     def end(self, frames: int) -> None:
         """Send what is left of a call of `frames` source frames, and its end."""
+
+
+class RecordedPass(FramePass, Protocol):
+    """The first pass over a source that can be read twice, and what follows it.
+
+    Call `frame` with every frame, `build_models`, `fit_frames` with every frame again, then
+    `encode` at one bitrate or several.
+    """
+
+    @property
+    def faces_fitted(self) -> int:
+        """Number of faces that `fit_frames` has fitted."""
+
+    def build_models(self, budget: ModelBudget) -> None:
+        """Between the passes: identity and appearance of each person."""
+
+    def fit_frames(self, frames: Iterable[tuple[int, Picture]]) -> None:
+        """Second pass over source frames (index, picture): fit the faces in those to be coded."""
+
+    def encode(self, bitrate: float, progressive: bool = False) -> list[EncodedCall]:
+        """The parts of the call at `bitrate` bits per second, all frame packets counted.
+
+        progressive: the model of the first one is split into layers, if it can be.
+        """
+
+    def may_have_residual(self, bitrate: float) -> bool:
+        """Whether the call has bits, and pictures, for a picture residual."""
 
 
 def run_pass(

@@ -260,7 +260,9 @@ class TwoPassEncoder:
             background = model.background.encode(model.budget.background_bytes)
             packet = build_model_packet(model.trained.person, transform, model.call, background)
         coded = values[[row[detection] for detection in detections]]
-        payloads = self._code(coded, transform.scale_codes, bitrate)
+        payloads = code_payloads(
+            coded, transform.scale_codes, bitrate, gop, self._capture, self._stats
+        )
         lost = frozenset(set(range(start, frames)) - set(self._detection_of))
         empty = lost & self._absence.empty if model.layers is not None else frozenset[int]()
         if not progressive:
@@ -274,16 +276,26 @@ class TwoPassEncoder:
         assert self._model is not None
         return has_residual(bitrate, self._model.call)
 
-    def _code(self, values: Array, scale_codes: Picture, bitrate: float) -> tuple[bytes, ...]:
-        """Payloads of the frame packets, from the components (t, n) of the coded frames."""
-        gop = self._gop
-        target = RateTarget(bitrate, float(gop.coded_fps(self._capture.fps)), gop.frames_per_packet)
-        with self._stats.stage("code"):
-            packets = code_call(values, scale_codes, target)
-        excess = target.overshoot_message(sum(map(packet_bits, packets)), len(values))
-        if excess is not None and not target.is_brief(len(values)):
-            self._stats.warn(excess)
-        return tuple(packet.payload for packet in packets)
+
+def code_payloads(
+    values: Array,
+    scale_codes: Picture,
+    bitrate: float,
+    gop: GopStructure,
+    capture: Capture,
+    stats: SessionStats,
+) -> tuple[bytes, ...]:
+    """Payloads of the frame packets at `bitrate`, from the components (t, n) of the coded frames.
+
+    Adds a warning if the rate is too little.
+    """
+    target = RateTarget(bitrate, float(gop.coded_fps(capture.fps)), gop.frames_per_packet)
+    with stats.stage("code"):
+        packets = code_call(values, scale_codes, target)
+    excess = target.overshoot_message(sum(map(packet_bits, packets)), len(values))
+    if excess is not None and not target.is_brief(len(values)):
+        stats.warn(excess)
+    return tuple(packet.payload for packet in packets)
 
 
 def hold_last_detection(detection_of: dict[int, int], start: int, end: int) -> list[int]:

@@ -121,6 +121,18 @@ class PersonModelOptions:
     searches_step: bool = True
 
 
+@dataclass(frozen=True, slots=True)
+class PersonBase:
+    """What a person model is built on: see `PersonModel`."""
+
+    fitted: IdentityFit
+    face: Face
+    reference: FaceParameters
+    shape: ShapeFreeFrame
+    pixels_per_texel: float
+    mask: Single
+
+
 def build_person_model(
     fitted: IdentityFit,
     face: Face,
@@ -140,7 +152,7 @@ def build_person_model(
     hands: what hides the face in each frame of the sample; empty: nothing does.
     """
     reference = faces[options.reference]
-    shape, scale = _texel_frame(face, camera, reference, options.texture_size)
+    shape, scale = texel_frame(face, camera, reference, options.texture_size)
     crops = [crop_face(frame, landmarks[index], scale) for index, frame in sample_frames]
     if hands:
         crops = [crop.hiding(outlines) for crop, outlines in zip(crops, hands, strict=True)]
@@ -149,21 +161,45 @@ def build_person_model(
     sampled = fit_samples_coarse(face, shape, crops, sampled, workers, options.nominal_texels)
     if options.image_space_fit:
         sampled = fit_samples_in_image(face, shape, crops, sampled, sampled_landmarks, workers)
-    samples = sample_faces(face, shape, crops, sampled, workers)
     coverage = outline_coverage(shape, crops, sampled, sampled_landmarks, workers)
     mask = np.maximum(face_mask(face.head, shape.atlas), coverage)
-    weight = _texel_weight(face, shape, samples.weight, sampled, mask, options)
+    base = PersonBase(fitted, face, reference, shape, scale, mask)
+    person = person_of_fitted_sample(base, crops, sampled, options, workers)
+    sampled = fit_samples(person.texel_fitter, crops, sampled, workers)
+    return TrainedModel(person, crops, sampled)
+
+
+def person_of_fitted_sample(
+    base: PersonBase,
+    crops: Sequence[Crop],
+    faces: Sequence[FaceParameters],
+    options: PersonModelOptions,
+    workers: int | None = None,
+) -> PersonModel:
+    """The model of a person whose faces in a sample of crops are known (thesis eq. 2.17).
+
+    workers: see `parallel_map`.
+    """
+    face, shape, mask = base.face, base.shape, base.mask
+    samples = sample_faces(face, shape, crops, faces, workers)
+    weight = _texel_weight(face, shape, samples.weight, faces, mask, options)
     samples = replace(samples, weight=weight)
-    sharp = super_resolved(shape, samples, crops, sampled, workers)
+    sharp = super_resolved(shape, samples, crops, faces, workers)
     mean = mean_texture(shape, sharp, default_colours(face.head, shape.atlas))
     appearance = _encode_appearance(shape, sharp, mean, mask, options)
     template = sampled_template(shape, samples, sharp, appearance)
     fitter = TexelFitter(face.head, face, shape, template, nominal_texels=options.nominal_texels)
-    sampled = fit_samples(fitter, crops, sampled, workers)
-    person = PersonModel(
-        fitted, face, reference, fitter, appearance, scale, shape, weight * mask, mask
+    return PersonModel(
+        base.fitted,
+        face,
+        base.reference,
+        fitter,
+        appearance,
+        base.pixels_per_texel,
+        shape,
+        weight * mask,
+        mask,
     )
-    return TrainedModel(person, crops, sampled)
 
 
 def _encode_appearance(
@@ -177,7 +213,7 @@ def _encode_appearance(
     return encode_appearance(shape, sharp, mean, mask, *most, options.searches_step)
 
 
-def _texel_frame(
+def texel_frame(
     face: Face, camera: Camera, reference: FaceParameters, max_size: int
 ) -> tuple[ShapeFreeFrame, float]:
     """The texels at the resolution of the reference frame, and its pixels per texel."""

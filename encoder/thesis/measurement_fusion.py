@@ -1,7 +1,7 @@
 """Fusion of KLT tracks, landmarks and the fit of the texture by the extended Kalman filter."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,10 +10,11 @@ from encoder.fitting.fit_results import TextureFit
 from encoder.thesis.detection_measurement import FrameMeasurement
 from encoder.thesis.ekf import Estimate, FaceFilter, InitialUncertainty, ProcessNoise
 from encoder.thesis.klt import Tracks, eye_distance_px
+from encoder.thesis.measurement_model import Projection, perspective
 from shared_model.animate import Face
 from shared_model.arrays import Array, VertexIndices
 from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_head
-from shared_model.parameters import LIDS, FaceParameters, Pose, clip_eau
+from shared_model.parameters import LIDS, FaceParameters, Pose, clip_eau, with_focal_change
 
 # Standard deviation of the fit's points, in units of the distance between the eyes.
 FIT_POINT_SIGMA = 0.012
@@ -25,12 +26,28 @@ LANDMARK_EAU_SIGMA = 0.07
 ERROR_DOUBLING_DEG = 15.0
 
 
+@dataclass(frozen=True, slots=True)
+class FilterOptions:
+    """What the filter's state is and how it projects.
+
+    projection: the measurement model.
+    free_focal: the focal length is estimated with the pose (4.6), not held.
+    """
+
+    projection: Projection = perspective
+    free_focal: bool = False
+
+
+DEFAULT_FILTER = FilterOptions()
+
+
 class MeasurementFusion:
     """Filters one person's face from frame to frame.
 
     camera, face: of the person.  start: the first face.  active: actuators that move.
     klt_count, landmark_count: number of points of each measurement.
     fit_points: (k,) vertices that represent the pose of the fit as measured points.
+    options: of the filter.
     """
 
     def __init__(
@@ -42,6 +59,7 @@ class MeasurementFusion:
         klt_count: int,
         landmark_count: int,
         fit_points: VertexIndices,
+        options: FilterOptions = DEFAULT_FILTER,
     ) -> None:
         self._camera, self._face, self._active = camera, face, list(active)
         self._fit_points = fit_points
@@ -49,11 +67,15 @@ class MeasurementFusion:
         self._landmarks = slice(klt_count, klt_count + landmark_count)
         self._count = klt_count + landmark_count + len(fit_points)
         self._fit = slice(klt_count + landmark_count, self._count)
-        # The wire has one focal length, that of the identity.  A free one would drift together with
-        # the depth, since one head hardly determines both.
+        # The wire has one focal length, that of the identity.  A free one drifts together with the
+        # depth, since one head hardly determines both.
         noise, uncertainty = ProcessNoise(focal_per_s=0.0), InitialUncertainty(focal_share=1e-6)
-        eau = start.eau[self._active]
-        self._filter = FaceFilter(camera, start.pose, eau, self._count, noise, uncertainty)
+        if options.free_focal:
+            noise, uncertainty = ProcessNoise(), InitialUncertainty()
+        eau, projection = start.eau[self._active], options.projection
+        self._filter = FaceFilter(
+            camera, start.pose, eau, self._count, noise, uncertainty, projection
+        )
 
     def predict(self, last: FaceParameters, elapsed_s: float) -> FaceParameters:
         """The predicted face of the next frame."""
@@ -102,7 +124,9 @@ class MeasurementFusion:
     def _with_estimate(self, face: FaceParameters, estimate: Estimate) -> FaceParameters:
         eau = face.eau.copy()
         eau[self._active] = estimate.eau
-        return replace(face, pose=estimate.pose, eau=clip_eau(eau))
+        found = replace(face, pose=estimate.pose, eau=clip_eau(eau))
+        # What is drawn and fitted has the identity's focal length.
+        return with_focal_change(found, self._camera.focal_px / estimate.camera.focal_px)
 
 
 def _off_axis_deg(pose: Pose) -> float:

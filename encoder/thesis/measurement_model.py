@@ -4,7 +4,7 @@ Both projections take the head's origin at (t_x, t_y), pixels from the principal
 t_z, mm, and points in the camera's axes before the translation, p = R P (4.8).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,3 +113,4 @@ def _pose_from_lowe(rotation: Array, position: Array, focal_px: float) -> Pose:
 
 perspective = Projection(_project_perspective, _perspective_from_pose, _pose_from_perspective)
 lowe = Projection(_project_lowe, _lowe_from_pose, _pose_from_lowe)
+PROJECTIONS: Mapping[str, Projection] = {"perspective": perspective, "lowe": lowe}

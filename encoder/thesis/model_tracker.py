@@ -15,7 +15,7 @@ from encoder.thesis.coarse_to_fine import fit_coarse_to_fine, initial_faces
 from encoder.thesis.detection_measurement import FrameMeasurement, FrameMeasurer
 from encoder.thesis.identity_refinement import MIN_EYE_DISTANCE_PX, IdentityRefiner
 from encoder.thesis.klt import KltTracker, Tracks, eye_distance_px
-from encoder.thesis.measurement_fusion import MeasurementFusion
+from encoder.thesis.measurement_fusion import DEFAULT_FILTER, FilterOptions, MeasurementFusion
 from encoder.thesis.person_texture import (
     DEFAULT_OPTIONS,
     GOOD_CORRELATION,
@@ -71,6 +71,7 @@ class ModelTracker:
     klt_points: one of `KLT_POINTS`.
     refine_identity: whether the identity is refined, if the measurer uses landmarks and "abs" is
         not left out.
+    filter_options: of the filter.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class ModelTracker:
         fit_options: FitOptions = DEFAULT_OPTIONS,
         refine_identity: bool = False,
         klt_points: str = "first",
+        filter_options: FilterOptions = DEFAULT_FILTER,
     ) -> None:
         if not without <= set(TRACKER_PARTS):
             expected = ", ".join(TRACKER_PARTS)
@@ -91,6 +93,7 @@ class ModelTracker:
         self._elapsed_s, self._measurer, self._without = elapsed_s, measurer, without
         self._fit_options, self._refine_identity = fit_options, refine_identity
         self._klt_points = klt_points
+        self._filter_options = filter_options
         self._person: TrackedPerson | None = None
         self._identity_refiner: IdentityRefiner | None = None
         self._fusion: MeasurementFusion | None = None
@@ -179,6 +182,7 @@ class ModelTracker:
                 len(person.klt.index),
                 self._measurer.point_count,
                 person.fit_points,
+                self._filter_options,
             )
         self._last, self._failures = face, 0
 

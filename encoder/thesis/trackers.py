@@ -23,6 +23,8 @@ from encoder.thesis.detection_measurement import (
     LandmarkMeasurer,
 )
 from encoder.thesis.klt import KLT_POINTS
+from encoder.thesis.measurement_fusion import FilterOptions
+from encoder.thesis.measurement_model import PROJECTIONS
 from encoder.thesis.model_tracker import TRACKER_PARTS, ModelTracker
 from encoder.thesis.network_landmarks import NetworkLandmarks
 from encoder.thesis.person_texture import FitOptions
@@ -97,6 +99,8 @@ class TrackingOptions:
     refine_identity: refine the identity during the call; the full tracker only.
     landmarks: finds landmarks instead of the network; None: the detector says how.
     nose: see `HaarDetector`.
+    projection: how the full tracker's filter projects points, one of `PROJECTIONS`.
+    free_focal: the focal length is in the full tracker's state, see `FilterOptions`.
     """
 
     detector: str = "network"
@@ -109,6 +113,8 @@ class TrackingOptions:
     landmarks: LandmarkSource | None = None
     nose: Path | None = None
     klt_points: str = "first"
+    projection: str = "perspective"
+    free_focal: bool = False
 
 
 def open_tracker(
@@ -130,6 +136,7 @@ def open_tracker(
     _check("normalisation", [options.normalise], tuple(NORMALISATIONS))
     _check("step", [options.step], tuple(FITTERS))
     _check("choice of points", [options.klt_points], KLT_POINTS)
+    _check("projection", [options.projection], tuple(PROJECTIONS))
     landmarks = options.landmarks
     if landmarks is None and options.detector == "network":
         landmarks = _network_landmarks(warn, options.eyelids)
@@ -148,7 +155,8 @@ def open_tracker(
             options.without,
             fit,
             options.refine_identity,
-            klt_points=options.klt_points,
+            options.klt_points,
+            FilterOptions(PROJECTIONS[options.projection], options.free_focal),
         )
     if landmarks is None:
         return HaarPoseTracker(head, size, HaarDetector(options.nose), warn)

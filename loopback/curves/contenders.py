@@ -10,8 +10,9 @@ from typing import Any
 
 from decoder.drawn_call import draw_call
 from decoder.pipeline import DecodeOptions, decode
+from encoder.calls.call_session import RecordedPass
 from encoder.calls.packet_sender import PacketSender
-from encoder.calls.recorded_session import RecordedEncoder, send_call
+from encoder.calls.recorded_session import send_call
 from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
@@ -162,7 +163,7 @@ def own_points(
     rungs: Sequence[Rung], clip: ClipPictures, is_live: bool, stem: Path, warn: Warn
 ) -> Iterator[Point]:
     """Our calls of a clip, one rung after the other; each call file is left, see `call_path`."""
-    trained: dict[int | None, tuple[RecordedEncoder, SessionStats]] = {}
+    trained: dict[int | None, tuple[RecordedPass, SessionStats]] = {}
     for rung in rungs:
         call = call_path(stem, rung, is_live)
         options = EncodeOptions(
@@ -210,7 +211,7 @@ def _own_point(rung: Rung, call: Path, clip: ClipPictures, warn: Warn) -> Point:
     return Point(rung.label, summary.model_bytes, summary.record_bps, figures, asdict(rung))
 
 
-def _trained(options: EncodeOptions) -> tuple[RecordedEncoder, SessionStats]:
+def _trained(options: EncodeOptions) -> tuple[RecordedPass, SessionStats]:
     stats = SessionStats()
     with open_source(options.source, square_pixels=True) as capture:
         return first_and_second_pass(options, capture, stats, _CALLBACKS), stats

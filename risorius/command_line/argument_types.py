@@ -93,6 +93,11 @@ def count(text: str) -> int:
     return _checked("max_frames", _integer(text))
 
 
+def mode_count(text: str) -> int:
+    """A number of appearance modes."""
+    return _checked("texture_modes", _integer(text))
+
+
 def days(text: str) -> int:
     """For how long a certificate is valid."""
     value = _integer(text)

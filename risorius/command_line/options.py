@@ -9,6 +9,7 @@ from risorius.command_line.argument_types import (
     count,
     delay,
     frame_rate,
+    mode_count,
     model_bytes,
     parts,
     port,
@@ -73,6 +74,15 @@ def _add_thesis_coding(parser: argparse.ArgumentParser) -> None:
         " bits a second instead of 800",
     )
     parser.add_argument(
+        "--texture-modes",
+        type=mode_count,
+        default=0,
+        metavar="N",
+        help="thesis profile, recorded sources: besides pose and actuators send the coefficients of"
+        " up to N modes of the person's texture, learned from the whole recording, at the same 800"
+        " bits a second (default: one texture)",
+    )
+    parser.add_argument(
         "--refine",
         action=argparse.BooleanOptionalAction,
         default=True,
@@ -98,6 +108,7 @@ def _add_thesis_coding(parser: argparse.ArgumentParser) -> None:
         help="thesis profile: Viola-Jones finds the nose as well, by this cascade classifier (none"
         " comes along), instead of placing it by the proportions of a face",
     )
+    _add_filter(parser)
 
 
 def add_statistical_model(parser: argparse.ArgumentParser, where: str) -> None:
@@ -149,6 +160,23 @@ def add_tracking(parser: argparse.ArgumentParser) -> None:
         default="first",
         help="thesis profile: the points that KLT tracks: features of the first frame, or of any"
         " in which they become visible as the head turns (default: %(default)s)",
+    )
+
+
+def _add_filter(parser: argparse.ArgumentParser) -> None:
+    """The Kalman filter of the thesis profile."""
+    parser.add_argument(
+        "--projection",
+        choices=CHOICES["projection"],
+        default="perspective",
+        help="thesis profile: how the filter projects points: as a pinhole camera does, or by"
+        " Lowe's equation, as in the thesis (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--free-focal",
+        action="store_true",
+        help="thesis profile: the filter estimates the focal length as well, as in the thesis,"
+        " instead of holding that of the first frame",
     )
 
 

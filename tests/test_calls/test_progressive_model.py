@@ -14,8 +14,9 @@ from videos import read_frames
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from decoder.scene.appearance import AppearanceModel
 from decoder.scene.reenactment import read_model
+from encoder.calls.call_session import RecordedPass
 from encoder.calls.packet_sender import PacketSender
-from encoder.calls.recorded_session import RecordedEncoder, send_call
+from encoder.calls.recorded_session import send_call
 from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
@@ -57,7 +58,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def encoder(clip: str) -> Iterator[RecordedEncoder]:
+def encoder(clip: str) -> Iterator[RecordedPass]:
     """After both passes over the clip: what can be sent in layers and without."""
     options, stats = EncodeOptions(clip, model_bytes=MODEL_BYTES), SessionStats()
     callbacks = SessionCallbacks(lambda done, total: None, lambda: False)
@@ -65,7 +66,7 @@ def encoder(clip: str) -> Iterator[RecordedEncoder]:
         yield first_and_second_pass(options, source, stats, callbacks)
 
 
-def send(encoder: RecordedEncoder, path: Path, startup: float | None) -> tuple[str, ...]:
+def send(encoder: RecordedPass, path: Path, startup: float | None) -> tuple[str, ...]:
     """Send the call into a file, in layers at a startup rate; returns the warnings."""
     stats = SessionStats()
     pacer = None if startup is None else LayerPacer(startup, BITRATE)
@@ -76,14 +77,14 @@ def send(encoder: RecordedEncoder, path: Path, startup: float | None) -> tuple[s
 
 
 @pytest.fixture(scope="module")
-def call(encoder: RecordedEncoder, clip: str) -> Path:
+def call(encoder: RecordedPass, clip: str) -> Path:
     path = Path(clip).with_name("call.rzo")
     send(encoder, path, STARTUP)
     return path
 
 
 @pytest.fixture(scope="module")
-def unpaced(encoder: RecordedEncoder, clip: str) -> Path:
+def unpaced(encoder: RecordedPass, clip: str) -> Path:
     """The same call with all layers before its second frame packet."""
     path = Path(clip).with_name("unpaced.rzo")
     assert not any("not sent" in warning for warning in send(encoder, path, 1e7))
@@ -91,7 +92,7 @@ def unpaced(encoder: RecordedEncoder, clip: str) -> Path:
 
 
 @pytest.fixture(scope="module")
-def unlayered(encoder: RecordedEncoder, clip: str) -> Path:
+def unlayered(encoder: RecordedPass, clip: str) -> Path:
     path = Path(clip).with_name("unlayered.rzo")
     send(encoder, path, None)
     return path

@@ -11,6 +11,7 @@ from processes import error_line
 from encoder.appearance.photometric import NORMALISATIONS
 from encoder.option_rules import with_preset
 from encoder.thesis.klt import KLT_POINTS
+from encoder.thesis.measurement_model import PROJECTIONS
 from encoder.thesis.trackers import DETECTORS, FITTERS, TRACKERS
 from protocol.summary import summarise
 from risorius.cli import build_parser, main
@@ -83,6 +84,8 @@ def test_what_is_about_a_link_is_refused_with_a_file(line: str, capsys: Capture)
         ("-q", "default"),
         ("--tracker single", "thesis"),
         ("--lids", "thesis"),
+        ("--texture-modes 1", "default"),
+        ("--projection lowe --free-focal", "thesis"),
         ("--fps 15", "default"),
     ],
 )
@@ -104,6 +107,7 @@ def test_the_profile_follows_from_the_options(
         ("--normalise", NORMALISATIONS),
         ("--abs", FITTERS),
         ("--klt-points", KLT_POINTS),
+        ("--projection", PROJECTIONS),
     ],
 )
 def test_the_choices_of_an_option_are_those_that_the_encoder_has(
@@ -125,6 +129,8 @@ def test_the_choices_of_an_option_are_those_that_the_encoder_has(
         ("--without abs,klt --normalise retinex", "--normalise retinex"),
         ("--detector haar --lids", "--lids"),
         ("--aam m.npz --detector haar", "--detector haar"),
+        ("--texture-modes 4 --no-refine", "--no-refine"),
+        ("--without ekf --free-focal", "--free-focal"),
         ("--detector network --nose-cascade n.xml", "--nose-cascade n.xml"),
     ],
 )

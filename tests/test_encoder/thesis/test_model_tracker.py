@@ -12,6 +12,8 @@ from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.fitting.fit_results import IdentityFit
 from encoder.thesis.detection_measurement import FrameMeasurement
 from encoder.thesis.klt import eye_distance_px
+from encoder.thesis.measurement_fusion import DEFAULT_FILTER, FilterOptions
+from encoder.thesis.measurement_model import Projection, lowe, perspective
 from encoder.thesis.model_tracker import LOST_AFTER_FRAMES, TRACKER_PARTS, ModelTracker
 from encoder.thesis.person_texture import DEFAULT_OPTIONS, FitOptions
 from encoder.thesis.prediction_matrix import PredictionMatrixFitter
@@ -103,9 +105,17 @@ def track_film(
     without: frozenset[str] = frozenset(),
     fit_options: FitOptions = DEFAULT_OPTIONS,
     klt_points: str = "first",
+    filter_options: FilterOptions = DEFAULT_FILTER,
 ) -> list[FaceParameters | None]:
     tracker = ModelTracker(
-        HEAD, ACTIVE, STEP_S, measurer, without, fit_options, klt_points=klt_points
+        HEAD,
+        ACTIVE,
+        STEP_S,
+        measurer,
+        without,
+        fit_options,
+        klt_points=klt_points,
+        filter_options=filter_options,
     )
     found = []
     for step, frame in enumerate(film):
@@ -153,6 +163,23 @@ def test_prediction_matrices_track_pose_and_mouth(film: list[Picture]) -> None:
     assert None not in found
     assert degrees_off(found) < 2.0
     assert actuators_off(found) < 0.1
+
+
+@pytest.mark.parametrize("projection", [perspective, lowe])
+@pytest.mark.parametrize("free_focal", [False, True])
+def test_faces_have_the_focal_length_of_the_identity_whatever_the_filter_estimates(
+    film: list[Picture], projection: Projection, free_focal: bool
+) -> None:
+    options = FilterOptions(projection, free_focal)
+    without = frozenset({"abs"})
+    found = track_film(film, TruthMeasurer(), without, filter_options=options)
+    assert degrees_off(found) < 1.5
+    for step, face in enumerate(found):
+        assert face is not None
+        points = FACE.animate(face.eau)[::97]
+        truth = pixel_from_head(CAMERA, face_at(step).pose, points)
+        error_px = pixel_from_head(CAMERA, face.pose, points) - truth
+        assert np.sqrt(np.mean(error_px**2)) < 2
 
 
 def test_the_fit_of_the_texture_corrects_noisy_landmarks(film: list[Picture]) -> None:
