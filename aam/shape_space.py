@@ -1,10 +1,12 @@
 """The anthropometric-expression (AE) shape space (thesis 2.4.1): AAUs and EAUs in [-1, 1]."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from encoder.fitting.increments import AAU_LIMIT
 from shared_model.arrays import Array
-from shared_model.parameters import AAUS, EAU_HIGH, EAU_INDEX, EAU_LOW, EAUS
+from shared_model.parameters import AAUS, EAU_HIGH, EAU_INDEX, EAU_LOW, EAUS, THESIS_EAUS
 
 SHAPE_NAMES = (*AAUS, *(eau.name for eau in EAUS))
 SHAPE_COUNT = len(SHAPE_NAMES)
@@ -14,6 +16,11 @@ SHAPE_RANGE = np.concatenate(
 )
 # The gaze is not fitted: landmarks show it by the lids alone.
 FITTED_EAUS = tuple(i for i, eau in enumerate(EAUS) if not eau.name.startswith("gaze"))
+# The actuators that annotations may fit: all, or the four of the thesis' tracking model (5.3).
+EAU_SETS: Mapping[str, tuple[int, ...]] = {
+    "all": FITTED_EAUS,
+    "thesis": tuple(EAU_INDEX[name] for name in THESIS_EAUS),
+}
 LOW = np.concatenate([np.full(len(AAUS), -1.0), np.array(EAU_LOW)])
 HIGH = np.concatenate([np.full(len(AAUS), 1.0), np.array(EAU_HIGH)])
 JAW_DROP = len(AAUS) + EAU_INDEX["jaw_drop"]

@@ -2,7 +2,8 @@
 
 Renders the person of each call file (thesis profile) with moving pose and expression, tracks the
 video with the whole tracker and with each part left out, and prints RMS errors (eq. 5.1) in
-Markdown.  --out takes the sequences, figures.json and charts.
+Markdown.  --aam MODEL adds the tracker whose landmarks are those of a statistical model, searched
+in every frame.  --out takes the sequences, figures.json and charts.
 """
 
 import argparse
@@ -20,6 +21,7 @@ from encoder.thesis.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, 
 from loopback.report import write_report
 from loopback.report_page import chart, environment, page, plotly_graphs
 from risorius.animation.animate import AnimateOptions, animate
+from risorius.statistical_model import landmark_source
 from shared_model.arrays import Array, Picture
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
@@ -53,6 +55,9 @@ CONFIGURATIONS: Mapping[str, TrackingOptions] = {
     "retinex": TrackingOptions(normalise="retinex"),
     "visible half mirrored": TrackingOptions(step="mirrored"),
     "prediction matrix": TrackingOptions(step="matrix"),
+    "focal length in the state": TrackingOptions(free_focal=True),
+    "Lowe's projection": TrackingOptions(projection="lowe"),
+    "both": TrackingOptions(projection="lowe", free_focal=True),
     "network alone, each frame": TrackingOptions(tracker="single"),
 }
 
@@ -70,7 +75,8 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("call", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=Path("out/tracking"))
     parser.add_argument("--frames", type=int, default=600)
-    parser.add_argument("--only", nargs="+", default=list(CONFIGURATIONS), metavar="CONFIGURATION")
+    parser.add_argument("--only", nargs="*", default=list(CONFIGURATIONS), metavar="CONFIGURATION")
+    parser.add_argument("--aam", metavar="MODEL")
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
     script = options.out / "calibration.toml"
@@ -78,11 +84,26 @@ def main(arguments: Sequence[str]) -> None:
     figures: dict[str, dict[str, Any]] = {}
     for call in options.call:
         video, truth = render_sequence(script, call, options.out)
-        found = {name: track_video(video, CONFIGURATIONS[name]) for name in options.only}
+        chosen = {name: CONFIGURATIONS[name] for name in options.only}
+        chosen |= configurations_with_model(options.aam)
+        found = {name: track_video(video, each) for name, each in chosen.items()}
         figures[call.stem] = {name: errors(f, truth) for name, f in found.items()}
         write_charts(options.out / call.stem, truth, found)
         (options.out / "figures.json").write_text(json.dumps(figures, indent=1))
     print(error_table(figures))
+
+
+def configurations_with_model(model: str | None) -> dict[str, TrackingOptions]:
+    """Trackers by a statistical model, with nothing of an earlier video; none without a model."""
+    if model is None:
+        return {}
+    source, searched = landmark_source(model), landmark_source(model, every_frame=True)
+    again = landmark_source(model, every_frame=True)
+    return {
+        "statistical model in the first frame": TrackingOptions(landmarks=source),
+        "statistical model in every frame": TrackingOptions(landmarks=searched),
+        "the same and prediction matrix": TrackingOptions(landmarks=again, step="matrix"),
+    }
 
 
 def calibration_script(seconds: float) -> str:

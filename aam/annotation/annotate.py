@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from aam.annotation.annotation_file import Annotation, read_header
+from aam.annotation.held_values import HeldValues, eaus_option
 from aam.annotation.landmark_files import read_landmark_csv, read_landmark_file
 from aam.annotation.landmark_schemes import FaceLandmarks, from_given, from_search
 from aam.annotation.landmark_search import StillLandmarks
@@ -37,6 +38,7 @@ class AnnotationOptions:
     projection: see `still_fit.PROJECTIONS`.  residual: fit the residual shape as well.
     landmarks: "network", ".asf" or ".pts" for files beside the pictures, the path of a CSV, or of a
         trained model (.npz), or `BUILTIN`.
+    eaus: which actuators are fitted, one of `EAU_SETS`; the others are at rest.
     person: a regular expression whose first group in the picture's path names the person; "": each
         picture shows another one.
     """
@@ -45,12 +47,14 @@ class AnnotationOptions:
     residual: bool = False
     landmarks: str = "network"
     person: str = ""
+    eaus: str = "all"
 
     @property
     def text(self) -> str:
         """All that changes the result of a fit."""
         residual = " residual" if self.residual else ""
-        return f"{self.projection}{residual} landmarks={self.landmarks}"
+        eaus = "" if self.eaus == "all" else f" {eaus_option(self.eaus)}"
+        return f"{self.projection}{residual} landmarks={self.landmarks}{eaus}"
 
 
 @dataclass(slots=True)
@@ -187,7 +191,10 @@ def _annotate_one(
     landmarks = given.of(path, picture)
     size = picture.shape[1], picture.shape[0]
     try:
-        fitted = fit_still(generic_head(), size, landmarks, options.projection, options.residual)
+        held = HeldValues.of_options(options.text)
+        fitted = fit_still(
+            generic_head(), size, landmarks, options.projection, options.residual, held
+        )
         annotation = _annotation(path, name, options, fitted, landmarks, picture)
         save_fit(folder, annotation, picture)
     except ValueError as error:

@@ -14,7 +14,7 @@ from aam.annotation.held_values import HeldValues
 from aam.annotation.landmark_schemes import FaceLandmarks, from_known
 from aam.annotation.still_fit import StillFit, fit_still
 from aam.annotation.still_texture import kept_texture, kept_window
-from aam.shape_space import HIGH, LOW, SHAPE_COUNT, SHAPE_NAMES, actuators
+from aam.shape_space import HIGH, LOW, SHAPE_NAMES, actuators
 from aam.weak_pose import POSE_COUNT, perspective_pose, telephoto
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from shared_model.arrays import Picture
@@ -60,9 +60,8 @@ def correct(annotation: Annotation, picture: Picture, correction: Correction) ->
         return annotation
     landmarks, size = _landmarks(annotation, correction), (picture.shape[1], picture.shape[0])
     with_residual = "residual" in annotation.options.split()
-    fitted = fit_still(
-        generic_head(), size, landmarks, annotation.projection, with_residual, _held(correction)
-    )
+    held = _held(correction, HeldValues.of_options(annotation.options))
+    fitted = fit_still(generic_head(), size, landmarks, annotation.projection, with_residual, held)
     return replace(
         annotation,
         focal_px=fitted.camera.focal_px,
@@ -130,8 +129,9 @@ def _landmarks(annotation: Annotation, correction: Correction) -> FaceLandmarks:
     return FaceLandmarks(points, sigma)
 
 
-def _held(correction: Correction) -> HeldValues:
-    shape = np.full(SHAPE_COUNT, np.nan)
+def _held(correction: Correction, always: HeldValues) -> HeldValues:
+    """What is not fitted.  always: without a hand."""
+    shape = always.shape.copy()
     for name, value in correction.shape.items():
         shape[SHAPE_NAMES.index(name)] = value
     return HeldValues(shape, None if correction.pose is None else np.array(correction.pose))

@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from aam.shape_space import FITTED_EAUS, SHAPE_COUNT, SHAPE_RANGE, actuators
+from aam.shape_space import EAU_SETS, FITTED_EAUS, SHAPE_COUNT, SHAPE_RANGE, actuators
 from aam.weak_pose import POSE_COUNT
 from shared_model.arrays import Array, Mask
 from shared_model.parameters import AAUS
@@ -27,6 +27,16 @@ class HeldValues:
         """All is fitted."""
         return cls(np.full(SHAPE_COUNT, np.nan), None)
 
+    @classmethod
+    def of_options(cls, text: str) -> Self:
+        """What the options of an annotation leave at rest, see `eaus_option`."""
+        held = cls.none()
+        for name, fitted in EAU_SETS.items():
+            if eaus_option(name) in text.split():
+                at_rest = [index for index in FITTED_EAUS if index not in fitted]
+                held.shape[[len(AAUS) + index for index in at_rest]] = 0
+        return held
+
     def start(self) -> tuple[Array, Array]:
         """AAUs (11,) and EAUs (14,) where a fit starts: as held, else at rest."""
         return actuators(np.where(np.isnan(self.shape), 0.0, self.shape))
@@ -45,3 +55,8 @@ class HeldValues:
         aau, eau = free[: len(AAUS)], free[len(AAUS) :][np.array(FITTED_EAUS)]
         pose = np.full(POSE_COUNT, self.pose is None)
         return np.concatenate([aau, np.ones(controls, bool), eau, pose])
+
+
+def eaus_option(name: str) -> str:
+    """How the options of an annotation name one of `EAU_SETS`."""
+    return f"eaus={name}"

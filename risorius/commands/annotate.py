@@ -57,6 +57,13 @@ def add_annotate(added: "Commands") -> None:
         "--residual", action="store_true", help="fit the residual shape beside AAUs and EAUs"
     )
     parser.add_argument(
+        "--eaus",
+        choices=("all", "thesis"),
+        default="all",
+        help="which actuators are fitted: all but the gaze (default), or the four of the thesis'"
+        " tracking model, the others at rest",
+    )
+    parser.add_argument(
         "--person",
         default="",
         metavar="REGEX",
@@ -74,7 +81,7 @@ def run_annotate(arguments: argparse.Namespace) -> int:
     _check_pattern(arguments.person)
     projection = "perspective" if arguments.perspective else "weak"
     options = AnnotationOptions(
-        projection, arguments.residual, arguments.landmarks, arguments.person
+        projection, arguments.residual, arguments.landmarks, arguments.person, arguments.eaus
     )
     images, folder = list_images(arguments.images), arguments.output
     try:

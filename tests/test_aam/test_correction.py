@@ -16,6 +16,7 @@ from aam.annotation.originals import read_original, save_corrected
 from aam.annotation.still_fit import fit_still
 from aam.shape_space import JAW_DROP, SHAPE_COUNT, SHAPE_NAMES
 from risorius.cli import main
+from shared_model.parameters import AAUS, THESIS_EAUS
 
 NOSE_TIP, MOUTH_CORNER = 4, 61
 
@@ -162,3 +163,15 @@ def test_the_outline_of_few_landmarks_is_less_sure_as_when_they_were_given() -> 
     known: FaceLandmarks = from_known(given.points)
     np.testing.assert_array_equal(known.sigma, given.sigma)
     assert (from_known(landmarks_of(*known_face(), POSE)).sigma == 1).all()
+
+
+def test_annotations_for_tracking_move_the_actuators_of_the_thesis_alone(annotated: Path) -> None:
+    assert annotate(annotated, "tracking", "--eaus", "thesis") == 0
+    picture, _ = picture_and_annotation(annotated)
+    found = read_annotation(annotated / "tracking" / "a.json")
+    corrected = correct(found, picture, Correction({NOSE_TIP: (90.0, 80.0)}))
+    moved = [SHAPE_NAMES.index(name) for name in THESIS_EAUS]
+    for annotation in (found, corrected):
+        eau = annotation.shape[len(AAUS) :]
+        others = np.delete(eau, np.array(moved) - len(AAUS))
+        assert np.abs(annotation.shape[moved]).max() > 0.05 and not others.any()
