@@ -10,7 +10,7 @@ from benchmarks.relay_load.ends import PACKETS_PER_S
 from protocol.call_file import CallReader
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.link.interface import LinkOptions
-from protocol.link.presence import call_keys
+from protocol.link.presence import call_keys, page_key
 from protocol.link.zenoh_link import ZenohSink
 from protocol.link.zenoh_session import zenoh_config
 from protocol.model_packet import ModelPacket
@@ -41,7 +41,7 @@ class Sending:
         self._sink = ZenohSink(options)
         self._listening = zenoh.open(zenoh_config({"mode": "client", "connect/endpoints": [place]}))
         _, heard_key = call_keys(call, is_encoder=True)
-        self._listening.declare_subscriber(heard_key, self._count)
+        self._listening.declare_subscriber(page_key(heard_key, "**"), self._count)
 
     def send(self, seconds: float) -> dict[int, float]:
         """Send at their pace; when each was sent, by its number."""

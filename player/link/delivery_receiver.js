@@ -22,6 +22,11 @@ import {
 
 const REPORT_S = 3;
 const MIN_REPORT_S = 0.02;
+/**
+ * How late at most a piece is reported that was there already: a report has been lost, or the piece
+ * is for another decoder.  Each one that follows on such a piece waits twice as long.
+ */
+const MAX_REPEAT_S = 1.28;
 /** How often an encoder is asked that has not answered, and after what silence one that has. */
 const ASK_S = 0.25;
 const SILENT_S = 1;
@@ -42,6 +47,7 @@ export class DeliveryReceiver {
     this.askedS = -Infinity;
     this.reportedS = -Infinity;
     this.reportDueS = Infinity;
+    this.repeatS = MIN_REPORT_S;
     this.hasLeft = false;
     /** @type {Uint8Array[]} */
     this.out = [];
@@ -166,7 +172,8 @@ export class DeliveryReceiver {
    */
   #onPiece(call, piece, nowS) {
     this.heardS = nowS;
-    this.reportDueS = Math.min(this.reportDueS, Math.max(nowS, this.reportedS + MIN_REPORT_S));
+    this.repeatS = call.items.has(piece) ? Math.min(2 * this.repeatS, MAX_REPEAT_S) : MIN_REPORT_S;
+    this.reportDueS = Math.min(this.reportDueS, Math.max(nowS, this.reportedS + this.repeatS));
     const found = [];
     for (const { number, packet } of call.items.add(piece)) {
       const kind = kindOf(packet);

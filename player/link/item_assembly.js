@@ -58,6 +58,16 @@ export class ItemAssembly {
   }
 
   /**
+   * Whether a piece is there, or not needed.
+   * @param {Piece} piece
+   */
+  has({ channel, item, index }) {
+    const { below, items } = this.lanes[channel];
+    const part = items.get(item);
+    return item < below || (part !== undefined && (part.packet !== null || part.pieces.has(index)));
+  }
+
+  /**
    * The packets that are complete with a piece.
    * @param {Piece} piece
    * @returns {Item[]}

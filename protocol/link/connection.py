@@ -65,11 +65,12 @@ class Failed:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A payload has come."""
+    """A payload has come.  page: of a relay, that it is from; "": from somebody else."""
 
     connection: int
     data: bytes
     time_s: float
+    page: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,11 +99,13 @@ class Carrier(Protocol):
     def open(self, connection: int, endpoint: Endpoint) -> None:
         """Begin to open a connection; `Opened` or `Failed` follows."""
 
-    def put(self, connection: int, payload: bytes, is_frame: bool, is_hello: bool) -> None:
+    def put(
+        self, connection: int, payload: bytes, is_frame: bool, is_hello: bool, page: str = ""
+    ) -> None:
         """Send a payload; nothing happens if the connection is gone.
 
         is_frame: it is a frame packet, and no message of the link.  is_hello: it is a HELLO, which
-        may not reach an end of another call.
+        may not reach an end of another call.  page: of a relay, which alone gets it; "": all do.
         """
 
     def ask(self, connection: int) -> None:

@@ -22,7 +22,14 @@ from protocol.link.connection import (
 from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.delivery.sender import DeliverySender
 from protocol.link.interface import Arrival, PacketProtection
-from protocol.link.messages import is_hello, is_message
+from protocol.link.messages import (
+    NO_SESSION,
+    Hello,
+    is_hello,
+    is_message,
+    parse_message,
+    session_in_hello,
+)
 
 # How often timers are looked at, and whether the transport of a link is still there.
 TICK_S, CHECK_S = 0.02, 0.2
@@ -40,6 +47,8 @@ GREETINGS_S, QUESTION_S = (0.0, 0.03, 0.6, 1.2), (0.3, 1.0)
 # How often the same question goes over a link that has become silent, and after which share of the
 # patience: not between two reports of a decoder that has everything.
 ASK_S, QUESTION_SHARE = 1.0, 0.67
+# Pages of relays of which it is remembered which decoder they are.
+MAX_PAGES = 4096
 # How long the end of the thread is waited for.
 STOP_S = 1.0
 # Memory of an event besides its payload, and the most that waits to be handled: more is dropped.
@@ -75,6 +84,7 @@ class LinkService:
         self._checked_s = self._asked_s = float("-inf")
         self._heard_s = float("-inf")
         self._greetings: dict[int, list[tuple[float, bool]]] = {}
+        self._pages: dict[bytes, str] = {}  # of relays, by the sessions of their decoders
         self._stopping = False
         self._stopped: SimpleQueue[None] = SimpleQueue()
 
@@ -185,9 +195,28 @@ class LinkService:
             arrivals = self.delivery.receive(data, event.time_s)
         except ProtocolError:
             return
+        self._note_page(data, event.page)
         self._heard(event.connection, event.time_s, is_proof=True)
         for arrival in arrivals or ():
             self._on_arrival(arrival)
+
+    def _note_page(self, data: bytes, page: str) -> None:
+        """Remember which page a decoder is: what is said to it alone goes to that."""
+        session = session_in_hello(data)
+        if session is None or session == NO_SESSION:
+            return
+        self._pages.pop(session, None)
+        if page:
+            self._pages[session] = page
+        if len(self._pages) > MAX_PAGES:
+            del self._pages[next(iter(self._pages))]
+
+    def _page(self, payload: bytes) -> str:
+        """The page that a payload is for alone; "" if it is for all."""
+        if not self._pages or not is_hello(payload):
+            return ""
+        hello = parse_message(payload)
+        return self._pages.get(hello.echo, "") if isinstance(hello, Hello) else ""
 
     def _heard(self, connection: int, now_s: float, is_proof: bool) -> None:
         """is_proof: what has come is of this call."""
@@ -268,7 +297,8 @@ class LinkService:
     def _put_to(self, connection: int, payload: bytes) -> None:
         assert self._carrier is not None
         guarded = self._protection.protect(payload)
-        self._carrier.put(connection, guarded, not is_message(payload), is_hello(payload))
+        kind = not is_message(payload), is_hello(payload)
+        self._carrier.put(connection, guarded, *kind, self._page(payload))
 
 
 def _cost(event: Event | None) -> int:

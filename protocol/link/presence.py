@@ -1,6 +1,7 @@
 """Who is there: the keys of a call, and the question and answer on them.
 
-The encoder publishes on d/CALL, its decoders on u/CALL.  A question and its answer are one byte,
+The encoder publishes on d/CALL, its decoders on u/CALL; a page that a relay serves on u/CALL/PAGE,
+and what is for it alone is published on d/CALL/PAGE.  A question and its answer are one byte,
 the role, and the name of the call.
 """
 
@@ -15,6 +16,17 @@ def call_keys(call: str, is_encoder: bool) -> tuple[str, str]:
     """The keys that an end publishes on and subscribes to."""
     down, up = f"d/{call}", f"u/{call}"
     return (down, up) if is_encoder else (up, down)
+
+
+def page_key(key: str, page: str) -> str:
+    """What stands for a key of a call for one page, or for each of them: *."""
+    return f"{key}/{page}"
+
+
+def page_of(key: str) -> str:
+    """The page that a key of a call is for; "" if it is for all."""
+    parts = key.split("/", 2)
+    return parts[2] if len(parts) > 2 else ""
 
 
 def short_key(key: str) -> str:

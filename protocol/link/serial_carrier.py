@@ -55,7 +55,9 @@ class SerialCarrier:
         else:
             self._post(Opened(connection))
 
-    def put(self, connection: int, payload: bytes, is_frame: bool, is_hello: bool) -> None:
+    def put(
+        self, connection: int, payload: bytes, is_frame: bool, is_hello: bool, page: str = ""
+    ) -> None:
         """See `Carrier`."""
         if self._line is not None:
             with suppress(queue.Full):

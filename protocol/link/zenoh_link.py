@@ -1,7 +1,7 @@
 """A call over Zenoh.
 
-The encoder publishes on d/CALL, the decoders on u/CALL; straight to the other end all but HELLO
-messages on d and u.  Who connects also subscribes to the
+The encoder publishes on d/CALL, the decoders on u/CALL, see `protocol.link.presence`; straight to
+the other end all but HELLO messages on d and u.  Who connects also subscribes to the
 other's key, and repairs its session by opening another one: nothing else has to be declared.
 On the key w an end asks who is there; the answers come on the key that it subscribes to, marked
 by an attachment.  Zenoh's multicast discovery is off: one end listens and the other connects to it,
@@ -40,7 +40,15 @@ from protocol.link.link_service import LinkService
 from protocol.link.link_sink import LinkSink
 from protocol.link.link_source import LEAVE_GRACE_S, LinkSource
 from protocol.link.messages import Role
-from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence, short_key
+from protocol.link.presence import (
+    WHO_KEY,
+    call_keys,
+    page_key,
+    page_of,
+    parse_presence,
+    serialise_presence,
+    short_key,
+)
 from protocol.link.zenoh_session import (
     Background,
     answer_who_is_there,
@@ -124,13 +132,16 @@ class ZenohCarrier:
         self._opening.add(connection)
         self._background.run(lambda: self._open(connection, endpoint))
 
-    def put(self, connection: int, payload: bytes, is_frame: bool, is_hello: bool) -> None:
+    def put(
+        self, connection: int, payload: bytes, is_frame: bool, is_hello: bool, page: str = ""
+    ) -> None:
         """See `Carrier`."""
         if session := self._sessions.get(connection):
             is_short = connection in self._direct and not is_hello
+            key = page_key(self._sent_key, page) if page else self._sent_key
             with suppress(zenoh.ZError):
                 session.put(
-                    short_key(self._sent_key) if is_short else self._sent_key,
+                    short_key(self._sent_key) if is_short else key,
                     payload,
                     congestion_control=CongestionControl.DROP,
                     # Express packets skip batching, which would join pieces to fragments of IP; the
@@ -237,9 +248,9 @@ class ZenohCarrier:
 
     def _take(self, connection: int, session: zenoh.Session) -> None:
         """Use a session that has been opened, unless it is not wanted any more."""
-        self._subscribe(connection, session)
         if session.info.peers_zid():
             self._direct.add(connection)
+        self._subscribe(connection, session)
         self._sessions[connection] = session
         if connection in self._opening:
             self._opening.discard(connection)
@@ -251,12 +262,14 @@ class ZenohCarrier:
         def arrived(sample: zenoh.Sample) -> None:
             data = sample.payload.to_bytes()
             if sample.attachment is None:
-                self._post(Received(connection, data, monotonic()))
+                self._post(Received(connection, data, monotonic(), page_of(str(sample.key_expr))))
             elif (found := parse_presence(data)) is not None:
                 self._post(Presence(connection, *found))
 
         # With a thread of its own a callback would outlive an interrupted program.
         keys = [self._heard_key] + [short_key(self._heard_key)] * (connection == LISTENING)
+        if self._role is Role.ENCODER and connection not in {LISTENING, *self._direct}:
+            keys.append(page_key(self._heard_key, "*"))
         for key in keys:
             session.declare_subscriber(key, Callback(arrived, indirect=False))
 

@@ -11,10 +11,10 @@ from zenoh import CongestionControl
 
 from protocol.endpoint import Endpoint, parse_endpoint, parse_remote_endpoint
 from protocol.errors import ProtocolError
-from protocol.limits import RELAY_PEERS
+from protocol.limits import CALL_NAME, RELAY_PEERS
 from protocol.link.endpoints import check_listening, why_not_reached
 from protocol.link.messages import Role
-from protocol.link.presence import call_keys
+from protocol.link.presence import call_keys, page_key, page_of
 from protocol.link.zenoh_session import answer_who_is_there, reason, zenoh_config
 from protocol.link.zenoh_settings import MAX_MESSAGE_BYTES
 from protocol.relay.access import access_control
@@ -74,10 +74,11 @@ class Relay:
             raise UserError(f"cannot listen on {where}: {reason(error)}", LINK_FAILED) from error
         answer_who_is_there(self._session, Role.RELAY, "")
 
-    def watch(self, call: str, receive: Callable[[bytes], None]) -> "WatchedCall":
-        """What an encoder of a call sends, as a decoder of it gets it.
+    def watch(self, call: str, receive: Callable[[bytes, str], None]) -> "WatchedCall":
+        """What an encoder of a call sends, as decoders of it get it.
 
-        receive: called with each payload, in a thread of Zenoh.
+        receive: called with each payload and the page that it is for ("": all), in a thread of
+            Zenoh.
         """
         return WatchedCall(self._session, call, receive)
 
@@ -94,28 +95,31 @@ class Relay:
 
 
 class WatchedCall:
-    """A call at a relay whose payloads go on to somebody who is no peer of Zenoh."""
+    """A call at a relay whose payloads go on to pages, which are no peers of Zenoh."""
 
-    def __init__(self, session: zenoh.Session, call: str, receive: Callable[[bytes], None]) -> None:
+    def __init__(
+        self, session: zenoh.Session, call: str, receive: Callable[[bytes, str], None]
+    ) -> None:
         self._sent_key, heard_key = call_keys(call, is_encoder=False)
         self._session = session
 
         def take(sample: zenoh.Sample) -> None:
-            receive(sample.payload.to_bytes())
+            receive(sample.payload.to_bytes(), page_of(str(sample.key_expr)))
 
-        self._subscriber = session.declare_subscriber(heard_key, take)
+        keys = heard_key, page_key(heard_key, "*")
+        self._subscribers = [session.declare_subscriber(key, take) for key in keys]
 
-    def send(self, payload: bytes) -> None:
-        """Send a payload to the encoder."""
+    def send(self, payload: bytes, page: str) -> None:
+        """Send a payload of a page to the encoder."""
+        key = page_key(self._sent_key, page)
         with suppress(zenoh.ZError):
-            self._session.put(
-                self._sent_key, payload, congestion_control=CongestionControl.DROP, express=True
-            )
+            self._session.put(key, payload, congestion_control=CongestionControl.DROP, express=True)
 
     def close(self) -> None:
         """Receive no more."""
-        with suppress(zenoh.ZError):
-            self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+        for subscriber in self._subscribers:
+            with suppress(zenoh.ZError):
+                subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
 def relay_settings(options: RelayOptions) -> Mapping[str, Any]:
@@ -208,7 +212,7 @@ def _count(counts: dict[str, dict[str, int]], key: str, payload: bytes) -> None:
     subscribed = key.partition("/subscriber/")[2]
     name = subscribed.partition("/")[2]
     for end, is_encoder in (("encoder", True), ("decoder", False)):
-        if name and subscribed == call_keys(name, is_encoder)[1]:
+        if CALL_NAME.fullmatch(name) and subscribed == call_keys(name, is_encoder)[1]:
             counts.setdefault(name, {})[end] = subscriber_count(payload)
 
 

@@ -10,6 +10,7 @@ The page opens the payloads itself (`player/watch`).  A slow one loses the oldes
 import asyncio
 import gzip
 import hashlib
+import secrets
 import socket
 from contextlib import suppress
 from pathlib import PurePath
@@ -29,6 +30,8 @@ from shared_model.errors import LINK_FAILED, UserError
 
 # Payloads that may wait for a page; a model's pieces come many at a time.
 MAX_WAITING = 512
+# Of the name by which an encoder tells pages apart.
+PAGE_BYTES = 6
 # Pages at a time.
 MAX_PAGES = 2000
 # Of other pages the style sheets may be in the page, and pictures and sounds are made by scripts.
@@ -48,20 +51,22 @@ class _Watched:
     """A call that pages watch."""
 
     def __init__(self, relay: Relay, call: str) -> None:
-        self.pages: set[_Waiting] = set()
+        self.pages: dict[str, _Waiting] = {}
         loop = asyncio.get_running_loop()
 
-        def receive(payload: bytes) -> None:
+        def receive(payload: bytes, page: str) -> None:
             with suppress(RuntimeError):  # the loop has ended
-                loop.call_soon_threadsafe(self._hand_out, payload)
+                loop.call_soon_threadsafe(self._hand_out, payload, page)
 
         self.call: WatchedCall = relay.watch(call, receive)
 
-    def _hand_out(self, payload: bytes) -> None:
-        for page in self.pages:
-            if page.full():
-                page.get_nowait()
-            page.put_nowait(payload)
+    def _hand_out(self, payload: bytes, page: str) -> None:
+        """Give a payload to a page; "": to all."""
+        meant = self.pages.values() if not page else filter(None, [self.pages.get(page)])
+        for waiting in meant:
+            if waiting.full():
+                waiting.get_nowait()
+            waiting.put_nowait(payload)
 
 
 class WatchServer:
@@ -135,16 +140,17 @@ class WatchServer:
         watched = self._calls.get(call)
         if watched is None:
             watched = self._calls[call] = _Watched(self._relay, call)
-        page = _Waiting(MAX_WAITING)
-        watched.pages.add(page)
-        sending = asyncio.create_task(_send(stream, page))
+        # Other relays have pages of the call, too.
+        page = secrets.token_urlsafe(PAGE_BYTES)
+        waiting = watched.pages[page] = _Waiting(MAX_WAITING)
+        sending = asyncio.create_task(_send(stream, waiting))
         try:
             async for message in stream:
                 if message.type is WSMsgType.BINARY and len(message.data) <= MAX_MESSAGE_BYTES:
-                    watched.call.send(message.data)
+                    watched.call.send(message.data, page)
         finally:
             sending.cancel()
-            watched.pages.discard(page)
+            del watched.pages[page]
             if not watched.pages and self._calls.get(call) is watched:
                 del self._calls[call]
                 await asyncio.to_thread(watched.call.close)
@@ -178,7 +184,7 @@ def _listening_socket(port: int) -> socket.socket:
     return socket.create_server(("", port))
 
 
-async def _send(stream: web.WebSocketResponse, page: _Waiting) -> None:
+async def _send(stream: web.WebSocketResponse, waiting: _Waiting) -> None:
     with suppress(ConnectionError):
         while True:
-            await stream.send_bytes(await page.get())
+            await stream.send_bytes(await waiting.get())

@@ -70,6 +70,13 @@ class ItemAssembly:
         """All items below this one are there, or not needed."""
         return self._lanes[channel].below
 
+    def has(self, piece: Piece) -> bool:
+        """Whether a piece is there, or not needed."""
+        lane = self._lanes[piece.channel]
+        part = lane.items.get(piece.item)
+        is_there = part is not None and (part.is_complete or piece.index in part.pieces)
+        return is_there or piece.item < lane.below
+
     def add(self, piece: Piece) -> list[tuple[int, bytes]]:
         """The packets that are complete now, each with its number, see `Piece`.
 

@@ -114,12 +114,14 @@ class PieceSchedule:
                 size = len(self._items.piece(key).data)
                 peer.window.on_piece(sent, size, now_s)
                 has_more = True
-            if not any(each.lacks(key) for each in peers):
-                del self._sent[key]
+                # The newest decoders lack most.
+                if not any(each.lacks(key) for each in reversed(peers)):
+                    del self._sent[key]
         return has_more
 
     def due(self, peers: Sequence[Peer], now_s: float) -> Iterator[Piece]:
         """Pieces that were lost, then new ones as far as the windows allow."""
+        peers = self._incomplete(peers)
         flying = {peer_id(peer.session): 0 for peer in peers}
         lost = list[PieceKey]()
         self._sent = {key: sent for key, sent in self._sent.items() if self._items.has(key)}
@@ -141,6 +143,16 @@ class PieceSchedule:
             for peer in lacking:
                 flying[peer_id(peer.session)] += 1
             yield self._sent_piece(key, peers, now_s)
+
+    def forget_sent(self, peers: Sequence[Peer]) -> None:
+        """A decoder has left: what none of the others lacks is not on its way any more."""
+        for key in [key for key in self._sent if not any(each.lacks(key) for each in peers)]:
+            del self._sent[key]
+
+    def _incomplete(self, peers: Sequence[Peer]) -> list[Peer]:
+        """The decoders that lack something."""
+        ends = [(channel, self._items.span(channel).end) for channel in Channel]
+        return [peer for peer in peers if any(peer.below[channel] < end for channel, end in ends)]
 
     def _sent_piece(self, key: PieceKey, peers: Sequence[Peer], now_s: float) -> Piece:
         delivered = min(peer.window.delivered for peer in peers if peer.lacks(key))

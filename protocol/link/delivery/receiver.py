@@ -31,6 +31,9 @@ from protocol.packets import PacketKind, is_end, packet_kind
 # How often a report goes out when nothing is new, and at most.  Zenoh sends a message of its own
 # after 5 s without one.
 REPORT_S, MIN_REPORT_S = 3.0, 0.02
+# How late at most a piece is reported that was there already: a report has been lost, or the piece
+# is for another decoder.  Each one that follows on such a piece waits twice as long.
+MAX_REPEAT_S = 1.28
 # How often an encoder is asked that has never answered, first and later.
 ASK_S, LATER_ASK_S, FIRST_ASKS = 0.25, 1.0, 20
 # After what silence an encoder is asked that sends frames, and one that does not.
@@ -91,6 +94,7 @@ class DeliveryReceiver:
         self._asked_s, self._asks = float("-inf"), 0
         self._answered_s = float("-inf")
         self._reported_s, self._report_due_s = float("-inf"), float("inf")
+        self._repeat_s = MIN_REPORT_S
         self._sessions = 0
         self._sent_s: dict[int, float] = {}  # when a question was sent, by its nonce
         self._round_trip_s = float("inf")
@@ -251,8 +255,10 @@ class DeliveryReceiver:
             self._report_due_s = now_s
 
     def _on_piece(self, call: _Call, piece: Piece, now_s: float) -> list[Arrival]:
+        is_known = call.items.has(piece)
         complete, call.piece_s = call.items.add(piece), now_s
-        self._report_due_s = min(self._report_due_s, max(now_s, self._reported_s + MIN_REPORT_S))
+        self._repeat_s = min(2 * self._repeat_s, MAX_REPEAT_S) if is_known else MIN_REPORT_S
+        self._report_due_s = min(self._report_due_s, max(now_s, self._reported_s + self._repeat_s))
         found = list[Arrival]()
         for number, packet in complete:
             kind = packet_kind(packet)

@@ -166,8 +166,11 @@ class DeliverySender:
 
     def payloads(self, now_s: float) -> list[bytes]:
         """What is to be sent now."""
-        for peer in [p for p in self._peers.values() if now_s - p.heard_s > PEER_GONE_S]:
+        gone = [peer for peer in self._peers.values() if now_s - peer.heard_s > PEER_GONE_S]
+        for peer in gone:
             del self._peers[peer_id(peer.session)]
+        if gone:
+            self._pieces.forget_sent(list(self._peers.values()))
         present = [
             peer
             for peer in self._peers.values()
@@ -280,6 +283,7 @@ class DeliverySender:
     def _on_bye(self, bye: Bye) -> None:
         peer = self._peers.pop(bye.peer, None) if bye.role is Role.DECODER else None
         if peer is not None:
+            self._pieces.forget_sent(list(self._peers.values()))
             if not peer.others:
                 self._gone[bye.peer] = peer.session
             self.is_end_heard = self.is_end_heard or self._has_ended

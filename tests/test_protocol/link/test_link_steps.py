@@ -88,7 +88,9 @@ class End(Carrier):
         failure = network.failure
         network.connecting.post(Failed(connection, failure) if failure else Opened(connection))
 
-    def put(self, connection: int, payload: bytes, is_frame: bool, is_hello: bool) -> None:
+    def put(
+        self, connection: int, payload: bytes, is_frame: bool, is_hello: bool, page: str = ""
+    ) -> None:
         network = self._network
         if not network.is_cut:
             if connection != LISTENING:
