@@ -2,8 +2,9 @@
 
 Each clip is encoded and becomes a letter, which headless Chromium plays, drawing in software.  The
 table: bytes of call and letter; PSNR between the pictures of page and decoder; face and whole PSNR
-of either against the clip; ms until the first picture, until all modes have been decoded, of the
-worker for the first model, and of drawing a frame.
+of either against the clip; then ms: until the first picture, until all modes have been decoded, of
+the worker for the first model, while the page opens and again when it is idle, of drawing a frame.
+Other programs on the machine are in these: --calls keeps the calls, and --times then takes seconds.
 """
 
 import argparse
@@ -28,22 +29,16 @@ from risorius import encode
 from risorius.letter.letter_file import write_letter
 from shared_model.errors import UserError
 
-HEADER = (
-    "clip",
-    "size",
-    "call kB",
-    "letter kB",
+SIZES = ("clip", "size", "call kB", "letter kB")
+QUALITIES = (
     "page/decoder dB",
     "worst",
     "decoder: face",
     "whole",
     "page: face",
     "whole",
-    "first ms",
-    "decoded ms",
-    "model ms",
-    "frame ms",
 )
+TIMES = ("first ms", "decoded ms", "model ms", "idle ms", "frame ms")
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -51,31 +46,42 @@ def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser("python -m benchmarks player", description=__doc__)
     parser.add_argument("clips", nargs="+", metavar="CLIP", help="videos, or a folder of some")
     parser.add_argument("--max-frames", type=int, default=75, metavar="N", help="of each clip")
+    parser.add_argument("--calls", metavar="FOLDER", help="keep the calls, and take those there")
+    parser.add_argument("--times", action="store_true", help="only the times")
     options = parser.parse_args(arguments)
     program = find_browser()
     if program is None:
         raise UserError("letters are played by Chromium: apt-get install chromium")
+    header = (*SIZES, *(() if options.times else QUALITIES), *TIMES)
     rows = []
     for clip in [clip for each in options.clips for clip in videos_in(each)]:
         with tempfile.TemporaryDirectory() as folder:
-            rows.append(_row(clip, options.max_frames, program, Path(folder)))
-        print(table(HEADER, rows[-1:]), flush=True)
-    print(f"\n{table(HEADER, rows)}")
+            call = Path(options.calls or folder) / f"{Path(clip).stem}.rzo"
+            if not call.exists():
+                encode(clip, call, max_frames=options.max_frames)
+            rows.append(_row(clip, call, options.times, program, Path(folder)))
+        print(table(header, rows[-1:]), flush=True)
+    print(f"\n{table(header, rows)}")
 
 
-def _row(clip: str, max_frames: int, program: str, folder: Path) -> list[Cell]:
-    call, letter = folder / "call.rzo", folder / "letter.html"
-    encode(clip, call, max_frames=max_frames)
+def _row(clip: str, call: Path, is_timed: bool, program: str, folder: Path) -> list[Cell]:
+    letter = folder / "letter.html"
     write_letter(call, letter, "letter", lambda lines: None)
+    with PlayedLetter(program, folder / "profile", letter) as played:
+        played.wait_until_decoded()
+        width, height = played.size
+        times = [played.shown_ms, played.decoded_ms, played.model_ms, played.decode_again_ms()]
+        times.append(played.frame_ms(min(50, played.frames)))
+        qualities = [] if is_timed else _qualities(clip, call, played, folder)
+    sizes = [path.stat().st_size / 1e3 for path in (call, letter)]
+    return [Path(clip).name, f"{width}x{height}", *sizes, *qualities, *times]
+
+
+def _qualities(clip: str, call: Path, played: PlayedLetter, folder: Path) -> list[Cell]:
+    """Of the pictures of a page and of the decoder."""
     by_decoder, by_page = folder / "decoder.mkv", folder / "page.mkv"
     errors = list[float]()
-    with (
-        PlayedLetter(program, folder / "profile", letter) as played,
-        CallPictures(CallSource(call_file=call), lambda: False) as pictures,
-    ):
-        played.wait_until_decoded()
-        times = [played.shown_ms, played.decoded_ms, played.model_ms]
-        times.append(played.frame_ms(min(50, played.frames)))
+    with CallPictures(CallSource(call_file=call), lambda: False) as pictures:
         sinks = None
         for frame in pictures:
             height, width = frame.picture.shape[:2]
@@ -88,11 +94,9 @@ def _row(clip: str, max_frames: int, program: str, folder: Path) -> list[Cell]:
                 sink.write(picture)
         for sink in sinks or ():
             sink.close()
-    qualities = [_quality(clip, path, len(errors)) for path in (by_decoder, by_page)]
-    figures = [figure for each in qualities for figure in (each.face_psnr_db, each.full_psnr_db)]
-    sizes = [path.stat().st_size / 1e3 for path in (call, letter)]
     between = [psnr_db(np.array(errors)), psnr_db(np.array([max(errors)]))]
-    return [Path(clip).name, f"{width}x{height}", *sizes, *between, *figures, *times]
+    found = [_quality(clip, path, len(errors)) for path in (by_decoder, by_page)]
+    return [*between, *(db for each in found for db in (each.face_psnr_db, each.full_psnr_db))]
 
 
 def _quality(clip: str, decoded: Path, frames: int) -> Quality:

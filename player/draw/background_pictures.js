@@ -65,7 +65,7 @@ export async function decodeBackground(codec, filters, decodeImage, data, width,
     return { ...nothing, moving: bitmapOf(black, null) };
   }
   if (isLayered(data)) return decodeLayers(codec, filters, decodeImage, data, width, height);
-  const { mask, maskSide, picture } = parseBackground(data);
+  const { mask, maskSide, picture } = parseBackground(codec, data);
   const image = await decodeImage(picture, "background");
   if (!mask) return { ...nothing, moving: bitmapOf(image, null) };
   const { alpha, isClear } = maskOpacity(filters, mask, maskSide, image.height, image.width);
@@ -84,7 +84,7 @@ export async function decodeBackground(codec, filters, decodeImage, data, width,
  * @returns {Promise<BackgroundPictures>}
  */
 async function decodeLayers(codec, filters, decodeImage, data, width, height) {
-  const layers = parseLayers(data, width, height);
+  const layers = parseLayers(codec, data, width, height);
   const person = await decodeImage(layers.person, "person");
   const scene = await decodeImage(layers.scene, "scene");
   const alpha = layerOpacity(filters, layers.mask, layers.maskSide, person.height, person.width);

@@ -31,7 +31,7 @@ class LidTexels {
   /** @param {Atlas} atlas */
   constructor(atlas) {
     const { size, head } = atlas;
-    const motions = LIDS.map((lid) => relativeMotion(head.eauUp[lid], head.count));
+    const motions = LIDS.map((lid) => relativeMotion(head.eauUp.at(lid), head.count));
     /** (2, size, size) of the left and the right lid */
     this.weights = LIDS.map(() => new Float32Array(size * size));
     this.isAround = new Uint8Array(size * size);

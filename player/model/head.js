@@ -11,9 +11,9 @@ import { array } from "../data_file.js";
  * @property {Float64Array} textureCoordinates (n, 2)
  * @property {Uint8Array} parts (n) index into `PARTS`
  * @property {Float64Array} opacity (n)
- * @property {Float32Array[]} eauUp of each EAU (n, 3) mm at +1
- * @property {Float32Array[]} eauDown of each EAU (n, 3) mm at -1
- * @property {Float32Array[]} aau of each AAU (n, 3) mm at +1
+ * @property {Fields} eauUp of each EAU (n, 3) mm at +1
+ * @property {Fields} eauDown of each EAU (n, 3) mm at -1
+ * @property {Fields} aau of each AAU (n, 3) mm at +1
  * @property {Int32Array} lips the vertices in the middle of the upper and the lower lip
  */
 
@@ -30,6 +30,22 @@ export const PARTS = {
 const POSITION_STEP_MM = 1 / 64;
 const FIELD_STEP_MM = 1 / 16;
 const TEXTURE_STEP = 1 / 32767;
+
+/** Fields of displacements, each made when it is asked for: the worker needs two of them. */
+class Fields {
+  /** @param {(index: number) => Float32Array} make */
+  constructor(make) {
+    this.make = make;
+    /** @type {Float32Array[]} */
+    this.made = [];
+  }
+
+  /** @param {number} index */
+  at(index) {
+    this.made[index] ??= this.make(index);
+    return this.made[index];
+  }
+}
 
 /**
  * Values (n, columns), row by row, of what is stored by column in steps.
@@ -68,7 +84,7 @@ export function genericHead(data) {
   const fields = (/** @type {string} */ name) => {
     const stored = array(data, name);
     const size = vertices.length;
-    return Array.from({ length: stored.length / size }, (_, i) => {
+    return new Fields((i) => {
       const own = stored.subarray(i * size, (i + 1) * size);
       return rowsOf(own, 3, FIELD_STEP_MM, new Float32Array(size));
     });
@@ -100,8 +116,8 @@ export function headWithSurround(data, generic) {
   for (const [i, depth] of rims.entries()) vertices[3 * (generic.count + i) + 2] -= depth;
   const around = rows64(array(data, "surround_vertices"), 3, POSITION_STEP_MM);
   vertices.set(around, vertices.length - around.length);
-  const fields = (/** @type {Float32Array[]} */ each) =>
-    each.map((field) => new Float32Array(carried.rows(field, 3)));
+  const fields = (/** @type {Fields} */ own) =>
+    new Fields((i) => new Float32Array(carried.rows(own.at(i), 3)));
   return {
     count: carried.count,
     vertices,

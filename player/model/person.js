@@ -16,7 +16,7 @@ export class Person {
     this.head = head;
     this.neutral = head.vertices.map((value, i) => value + residual[i]);
     for (const [i, code] of model.aau.entries()) {
-      addScaled(this.neutral, head.aau[i], code * AAU_STEP);
+      addScaled(this.neutral, head.aau.at(i), code * AAU_STEP);
     }
   }
 
@@ -27,8 +27,8 @@ export class Person {
   animate(eau) {
     const vertices = this.neutral.slice();
     for (let i = 0; i < EAUS; i++) {
-      if (eau[i] > 0) addScaled(vertices, this.head.eauUp[i], eau[i]);
-      if (eau[i] < 0) addScaled(vertices, this.head.eauDown[i], -eau[i]);
+      if (eau[i] > 0) addScaled(vertices, this.head.eauUp.at(i), eau[i]);
+      if (eau[i] < 0) addScaled(vertices, this.head.eauDown.at(i), -eau[i]);
     }
     return vertices;
   }

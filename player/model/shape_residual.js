@@ -48,7 +48,7 @@ export function residualShape(data, head, controlMm) {
  */
 function lipSeparated(head, lowerLip) {
   const jaw = (/** @type {number} */ v) =>
-    Math.hypot(...head.eauUp[JAW_DROP].subarray(3 * v, 3 * v + 3));
+    Math.hypot(...head.eauUp.at(JAW_DROP).subarray(3 * v, 3 * v + 3));
   const full = jaw(lowerLip);
   const positions = new Float64Array(4 * head.count);
   for (let v = 0; v < head.count; v++) {

@@ -15,10 +15,12 @@ import {
   ringSums,
 } from "./grids";
 import { writeImage } from "./image";
+import { readMask } from "./mask";
 import { allocate, mark, release } from "./memory";
 import { BandPlace, logarithms, Network, newNetwork, probabilities } from "./network";
 import { integer, start, unread } from "./range_decoder";
 import { planeOf } from "./wavelet";
+import { cells, writeWeights } from "./weight_map";
 
 const MODE: i32 = 2;
 const LOWPASS: i32 = 3;
@@ -51,6 +53,7 @@ export function network(index: i32, inputs: i32, hidden: i32, outputs: i32): usi
   const made = newNetwork(inputs, hidden, outputs);
   store<usize>(networks + (index << 2), changetype<usize>(made));
   ofNetworks = mark();
+  ofSequence = ofNetworks;
   return changetype<usize>(made);
 }
 
@@ -59,8 +62,13 @@ export function table(isOfProbabilities: bool): usize {
   return isOfProbabilities ? probabilities : logarithms;
 }
 
-/** Begin pictures of a kind and size; the address of their weights (height, width), which have to be written, or 0. */
-export function begin(ofKind: i32, rows: i32, columns: i32, hasWeights: bool): usize {
+/** Where the weights of a map have to be written, see `weight_map.ts`. */
+export function weightsAt(): usize {
+  return cells;
+}
+
+/** Begin pictures of a kind and size, with the weights that have been written, or without. */
+export function begin(ofKind: i32, rows: i32, columns: i32, hasWeights: bool): void {
   release(ofNetworks);
   kind = ofKind;
   height = rows;
@@ -76,8 +84,8 @@ export function begin(ofKind: i32, rows: i32, columns: i32, hasWeights: bool): u
   }
   weights = hasWeights ? allocate((rows * columns) << 2) : 0;
   image = allocate((3 * rows * columns) << 2);
+  if (hasWeights) writeWeights(weights, rows, columns);
   ofSequence = mark();
-  return weights;
 }
 
 /** Where a picture of so many bytes has to be written. */
@@ -85,6 +93,17 @@ export function inputOf(bytes: i32): usize {
   release(ofSequence);
   input = allocate(bytes);
   return input;
+}
+
+/** Decode the mask (side, side) that has been written: its address, uint8; `left` says whether that was all. */
+export function mask(bytes: i32, side: i32): usize {
+  start(input, bytes);
+  return readMask(side);
+}
+
+/** How many bytes of the newest mask were too many. */
+export function left(): i32 {
+  return unread();
 }
 
 /** Decode the picture that has been written: 0, or how many bytes are too many, or -1 if it is damaged. */
@@ -103,8 +122,7 @@ export function decode(bytes: i32, step: f32): i32 {
     clear(pyramidIn(newest, plane));
     decodePlane(band, pyramidIn(newest, plane));
   }
-  const left = unread();
-  if (left) return left;
+  if (unread()) return unread();
   drawImage(step);
   advance();
   return 0;

@@ -7,7 +7,8 @@ const ONE: i32 = 65536;
 const MAX_COUNT: i32 = 60;
 const MIN_PROBABILITY: i32 = 96;
 const LONGEST: i32 = 14;
-const CONTEXTS: i32 = 2 * (LONGEST + 1);
+/** Of masks, more than of integers. */
+const CONTEXTS: i32 = 64;
 
 let data: usize = 0;
 let length: i32 = 0;
@@ -97,7 +98,8 @@ export function integer(context: i32): i32 {
   return bit(EVEN) ? -magnitude : magnitude;
 }
 
-function adaptiveBit(context: i32): i32 {
+/** The next decision in an adaptive context. */
+export function adaptiveBit(context: i32): i32 {
   const zero = load<i32>(zeros + 4 * context);
   const count = load<i32>(counts + 4 * context);
   const decision = bit(zero);

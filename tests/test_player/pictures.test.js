@@ -18,7 +18,7 @@ for (const name of ["call_default", "call_thesis"]) {
   test(`${name}: the pictures of its first model`, () => {
     const { model } = readCall(hex(`${name}.hex`)).frames[0].received;
     const expected = json(`${name}.json`).pictures;
-    const { mask, maskSide, picture } = parseBackground(model.background);
+    const { mask, maskSide, picture } = parseBackground(CODEC, model.background);
     checkMask(mask ?? new Uint8Array(0), maskSide, expected.mask);
     checkPicture(decodePicture(CODEC, picture, "background", 1024), expected.background);
     checkPicture(decodePicture(CODEC, model.texture, "texture", 1024), expected.texture);
@@ -30,7 +30,7 @@ test("call_layers: person, scene, motion fields and changes", () => {
   const expected = json("call_layers.json").layers;
   const { width, height } = model.call;
   assert.ok(isLayered(model.background));
-  const layers = parseLayers(model.background, width, height);
+  const layers = parseLayers(CODEC, model.background, width, height);
   checkMask(layers.mask, layers.maskSide, expected.mask);
   assert.deepEqual([...layers.fields.codes], expected.fields.flat(3));
   const { rows, columns } = changeSize(width, height);

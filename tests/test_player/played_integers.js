@@ -226,10 +226,10 @@ function textureCrcs({ model, modes }) {
 /** @param {import("../../player/format/model_packet.js").ModelPacket} model */
 function backgroundCrcs({ background, call: { width, height } }) {
   if (!isLayered(background)) {
-    const { mask, picture } = parseBackground(background);
+    const { mask, picture } = parseBackground(CODEC, background);
     return [mask ? crc32([mask]) : 0, pictureCrc(picture)];
   }
-  const layers = parseLayers(background, width, height);
+  const layers = parseLayers(CODEC, background, width, height);
   const { rows, columns } = changeSize(width, height);
   const decoder = modeDecoder(CODEC, rows, columns, new Uint8Array(0));
   return closing(decoder, () => [

@@ -3,8 +3,8 @@ import { AdaptiveIntegers } from "../entropy/adaptive_models.js";
 import { RangeDecoder } from "../entropy/range_decoder.js";
 import { check } from "../errors.js";
 import { MAX_IMAGE_BYTES } from "../model_packet.js";
-import { decodeMask } from "./mask.js";
 
+/** @typedef {import("./picture_codec.js").PictureCodec} PictureCodec */
 /**
  * The parts of a background with layers.
  * @typedef {object} Layers
@@ -43,28 +43,30 @@ export function isLayered(data) {
 
 /**
  * The mask, or null, and the picture of a background without layers.
+ * @param {PictureCodec} codec
  * @param {Uint8Array} data
  */
-export function parseBackground(data) {
+export function parseBackground(codec, data) {
   if (data[0] !== TAGS.MASK) return { mask: null, maskSide: 0, picture: data };
   const reader = new ByteReader(data.subarray(1), "background");
-  const mask = decodeMask(reader.part("mask", MAX_MASK_BYTES), MASK_SIDE);
+  const mask = codec.mask(reader.part("mask", MAX_MASK_BYTES), MASK_SIDE);
   return { mask, maskSide: MASK_SIDE, picture: reader.rest() };
 }
 
 /**
  * The layers of a background of source pictures of this size.
+ * @param {PictureCodec} codec
  * @param {Uint8Array} data
  * @param {number} width
  * @param {number} height
  * @returns {Layers}
  */
-export function parseLayers(data, width, height) {
+export function parseLayers(codec, data, width, height) {
   const reader = new ByteReader(data, "background");
   const flags = reader.byte() === TAGS.FLAGGED_LAYERS ? reader.byte() : 0;
   check(flags < 8 && (flags || data[0] === TAGS.LAYERS), `background: flags are ${flags}`);
   const maskSide = flags & FLAGS.FINE_MASK ? 2 * MASK_SIDE : MASK_SIDE;
-  const mask = decodeMask(reader.part("mask", MAX_MASK_BYTES), maskSide);
+  const mask = codec.mask(reader.part("mask", MAX_MASK_BYTES), maskSide);
   const person = reader.part("person", MAX_IMAGE_BYTES);
   const fields = decodeFields(reader.part("motion fields", MAX_FIELD_BYTES), width, height);
   const count = reader.byte();

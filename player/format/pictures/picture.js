@@ -26,7 +26,7 @@ export class PictureSequence {
    * @param {number} kind
    * @param {number} height
    * @param {number} width
-   * @param {Float64Array | null} weights (height, width); null: all are 1
+   * @param {Float64Array | null} weights see `decodeWeightMap`
    */
   constructor(codec, kind, height, width, weights) {
     this.codec = codec;
@@ -93,7 +93,7 @@ export function parsePictureHeader(data, name) {
 export function decodePicture(codec, data, name, limit) {
   const { kind, width, height, weightMap, coefficients } = parsePictureHeader(data, name);
   check(Math.max(width, height) <= limit, `${name} is ${width}x${height}, limit ${limit} a side`);
-  const weights = decodeWeightMap(weightMap, height, width);
+  const weights = decodeWeightMap(weightMap);
   const sequence = new PictureSequence(codec, kind, height, width, weights);
   try {
     return sequence.decode(coefficients, name);
@@ -110,6 +110,6 @@ export function decodePicture(codec, data, name, limit) {
  * @param {Uint8Array} weightMap
  */
 export function modeDecoder(codec, height, width, weightMap) {
-  const weights = decodeWeightMap(weightMap, height, width);
+  const weights = decodeWeightMap(weightMap);
   return new PictureSequence(codec, KINDS.MODE, height, width, weights);
 }

@@ -1,4 +1,5 @@
 import { array } from "../../data_file.js";
+import { check } from "../errors.js";
 
 /** @typedef {import("../../data_file.js").Arrays} Arrays */
 /**
@@ -7,9 +8,12 @@ import { array } from "../../data_file.js";
  * @property {WebAssembly.Memory} memory
  * @property {(index: number, inputs: number, hidden: number, outputs: number) => number} network
  * @property {(isOfProbabilities: boolean) => number} table
- * @property {(kind: number, height: number, width: number, hasWeights: boolean) => number} begin
+ * @property {() => number} weightsAt
+ * @property {(kind: number, height: number, width: number, hasWeights: boolean) => void} begin
  * @property {(bytes: number) => number} inputOf
  * @property {(bytes: number, step: number) => number} decode
+ * @property {(bytes: number, side: number) => number} mask
+ * @property {() => number} left
  * @property {() => number} imageAt
  * @property {(plane: number, level: number, orientation: number) => number} gridAt
  */
@@ -43,6 +47,14 @@ export class PictureCodec {
   constructor(module, data) {
     this.module = module;
     this.data = data;
+    const logarithms = Uint8Array.from({ length: MAX_MAGNITUDE + 1 }, (_, x) =>
+      Math.round(16 * Math.log2(1 + x)),
+    );
+    const zeros = Int32Array.from({ length: 2 * MAX_LOGIT + 1 }, (_, i) => {
+      const zero = Math.round(65536 / (1 + Math.exp(-(i - MAX_LOGIT) / 256)));
+      return Math.min(Math.max(zero, 24), 65512);
+    });
+    this.tables = { logarithms, zeros };
     /** @type {CompiledDecoder[]} */
     this.free = [];
   }
@@ -58,7 +70,20 @@ export class PictureCodec {
 
   /** One that nobody else has. */
   take() {
-    return this.free.pop() ?? new CompiledDecoder(this.module, this.data);
+    return this.free.pop() ?? new CompiledDecoder(this.module, this.tables, this.data);
+  }
+
+  /**
+   * The mask (side, side) of a person.  Throws `FormatError` if it is damaged.
+   * @param {Uint8Array} data
+   * @param {number} side
+   */
+  mask(data, side) {
+    const compiled = this.take();
+    const { mask, left } = compiled.mask(data, side);
+    this.giveBack(compiled);
+    check(!left, `background: mask: ${left} bytes too many`);
+    return mask;
   }
 
   /** @param {CompiledDecoder} compiled */
@@ -71,31 +96,20 @@ export class PictureCodec {
 class CompiledDecoder {
   /**
    * @param {WebAssembly.Module} module
+   * @param {PictureCodec["tables"]} tables
    * @param {Arrays} data
    */
-  constructor(module, data) {
+  constructor(module, { logarithms, zeros }, data) {
     const { exports } = new WebAssembly.Instance(module);
     this.exports = /** @type {Exports} */ (/** @type {unknown} */ (exports));
-    this.#writeTables();
+    new Uint8Array(this.#memory, this.exports.table(false)).set(logarithms);
+    new Int32Array(this.#memory, this.exports.table(true)).set(zeros);
     for (const [index, network] of NETWORKS.entries()) this.#writeNetwork(index, network, data);
   }
 
   /** Its memory; it may have another one after each call. */
   get #memory() {
     return this.exports.memory.buffer;
-  }
-
-  #writeTables() {
-    const { exports } = this;
-    const logarithms = new Uint8Array(this.#memory, exports.table(false), MAX_MAGNITUDE + 1);
-    logarithms.forEach((_, x) => {
-      logarithms[x] = Math.round(16 * Math.log2(1 + x));
-    });
-    const zeros = new Int32Array(this.#memory, exports.table(true), 2 * MAX_LOGIT + 1);
-    zeros.forEach((_, i) => {
-      const zero = Math.round(65536 / (1 + Math.exp(-(i - MAX_LOGIT) / 256)));
-      zeros[i] = Math.min(Math.max(zero, 24), 65512);
-    });
   }
 
   /**
@@ -125,11 +139,11 @@ class CompiledDecoder {
    * @param {number} kind
    * @param {number} height
    * @param {number} width
-   * @param {Float64Array | null} weights (height, width); null: all are 1
+   * @param {Float64Array | null} weights see `decodeWeightMap`
    */
   begin(kind, height, width, weights) {
-    const at = this.exports.begin(kind, height, width, weights !== null);
-    if (weights) new Float32Array(this.#memory, at).set(weights);
+    if (weights) new Float32Array(this.#memory, this.exports.weightsAt()).set(weights);
+    this.exports.begin(kind, height, width, weights !== null);
   }
 
   /**
@@ -141,6 +155,19 @@ class CompiledDecoder {
     const at = this.exports.inputOf(data.length);
     new Uint8Array(this.#memory, at).set(data);
     return this.exports.decode(data.length, step);
+  }
+
+  /**
+   * A mask (side, side), and how many bytes are too many.
+   * @param {Uint8Array} data
+   * @param {number} side
+   */
+  mask(data, side) {
+    const input = this.exports.inputOf(data.length);
+    new Uint8Array(this.#memory, input).set(data);
+    const at = this.exports.mask(data.length, side);
+    const mask = new Uint8Array(this.#memory, at, side * side).slice();
+    return { mask, left: this.exports.left() };
   }
 
   /**

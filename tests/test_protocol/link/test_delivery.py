@@ -10,6 +10,7 @@ from packets import MODEL
 from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.delivery.sender import DeliverySender
 from protocol.link.interface import Arrival
+from protocol.link.messages import Piece, is_message, parse_message
 from protocol.model_packet import ModelPacket
 from protocol.packets import (
     ControlKind,
@@ -293,6 +294,30 @@ def test_a_model_that_gets_pictures_while_a_decoder_has_part_of_it_arrives(
     assert [model_version(data) for data in models] == [0, 1]
     link.end()
     assert link.ended
+
+
+def test_pieces_that_are_for_others_are_reported_less_and_less_often() -> None:
+    link = FakeLink()
+    pieces = list[bytes]()
+    arrive = link.arrive
+
+    def note(down: bool, payload: bytes, at_s: float) -> None:
+        if down and is_message(payload) and isinstance(parse_message(payload), Piece):
+            pieces.append(payload)
+        arrive(down, payload, at_s)
+
+    link.arrive = note  # type: ignore[method-assign]
+    link.sender.send(MODEL_BYTES)
+    link.run(2.0)
+    assert link.of_kind(PacketKind.MODEL) and len(pieces) > 10
+    reports, now_s = list[float](), link.now_s
+    for count in range(200):
+        link.receiver.receive(pieces[count % len(pieces)], now_s + 0.01 * count)
+        if link.receiver.payloads(now_s + 0.01 * count):
+            reports.append(0.01 * count)
+    # At once, if the last report has been lost.
+    assert reports[0] < 0.1 and len(reports) < 8
+    assert reports[-1] - reports[-2] > 1.0
 
 
 def test_control_packets_arrive_in_order_however_many_come_at_once() -> None:

@@ -7,8 +7,10 @@ import pytest
 from links import MODEL_BYTES, WAIT_S, listening
 
 from protocol.endpoint import Endpoint
+from protocol.link import link_service
 from protocol.link.connection import LISTENING, Carrier, Received
 from protocol.link.delivery.receiver import DeliveryReceiver
+from protocol.link.delivery.sender import DeliverySender
 from protocol.link.link_protection import PlainProtection
 from protocol.link.link_service import MAX_WAITING_BYTES, LinkService
 from protocol.link.link_sink import LinkSink
@@ -34,6 +36,21 @@ class IdleCarrier(Carrier):
 
     def is_linked(self, connection: int) -> bool:
         return False
+
+
+class RecordingCarrier(IdleCarrier):
+    """Tells which pages get what is no frame packet, and whether it is a HELLO."""
+
+    def __init__(self, service: LinkService) -> None:
+        self.pages: list[tuple[str, bool]] = []
+
+    def put(
+        self, connection: int, payload: bytes, is_frame: bool, is_hello: bool, page: str = ""
+    ) -> None:
+        self.pages.append((page, is_hello))
+
+    def is_linked(self, connection: int) -> bool:
+        return True
 
 
 class BrokenCarrier(IdleCarrier):
@@ -91,3 +108,33 @@ def test_a_flood_of_payloads_takes_bounded_memory_and_later_ones_are_heard() -> 
         service.stop()
     assert sizes.pop() == len(b"later")
     assert 0 < sum(sizes) <= MAX_WAITING_BYTES
+
+
+def test_a_page_is_answered_alone_and_the_oldest_of_many_is_forgotten(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(link_service, "MAX_PAGES", 2)
+    now_s = [0.0]
+    delivery = DeliverySender(b"encoder1", False, lambda session: None)
+    service = LinkService(
+        delivery, PlainProtection(b"encoder1", True), None, clock=lambda: now_s[0]
+    )
+    carrier = RecordingCarrier(service)
+    service.attach(carrier)
+
+    def answers_to(session: bytes, page: str) -> list[str]:
+        now_s[0] += 1.0
+        end = DeliveryReceiver(session, lambda peer: None)
+        hello = PlainProtection(session, False).protect(end.hello(now_s[0]))
+        service.step()
+        carrier.pages.clear()
+        service.post(Received(LISTENING, hello, now_s[0], page))
+        service.step()
+        return [meant for meant, is_hello in carrier.pages if is_hello]
+
+    for number in range(4):
+        assert f"page{number}" in answers_to(b"decoder%d" % number, f"page{number}")
+    # It is none of a relay any more, or claims to be everybody.
+    assert set(answers_to(b"decoder3", "")) == {""}
+    assert set(answers_to(bytes(8), "page9")) == {""}
+    assert "page2" in answers_to(b"decoder2", "page2")
