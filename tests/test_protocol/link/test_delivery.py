@@ -333,3 +333,23 @@ def test_control_packets_arrive_in_order_however_many_come_at_once() -> None:
         link.run(0.1)
     link.end()
     assert [arrival.data for arrival in link.of_kind(PacketKind.CONTROL)] == [*controls, END]
+
+
+def test_pieces_stay_on_their_way_to_a_decoder_that_another_one_is_ahead_of() -> None:
+    sender = DeliverySender(b"encoder1", False, ignore_peer)
+    ends = [DeliveryReceiver(b"%d-decode" % number, ignore_peer) for number in range(2)]
+    got = [list[bytes](), list[bytes]()]
+    sender.send(MODEL_BYTES)
+    for step in range(400):
+        now_s = STEP_S * step
+        for payload in sender.payloads(now_s):
+            for number, end in enumerate(ends):
+                is_piece = is_message(payload) and isinstance(parse_message(payload), Piece)
+                if number == 0 or not is_piece or now_s > 1.0:
+                    got[number] += [arrival.data for arrival in end.receive(payload, now_s)]
+        if now_s <= 1.0:
+            assert not got[1]
+        for end in ends:
+            for payload in end.payloads(now_s):
+                sender.receive(payload, now_s)
+    assert got == [[MODEL_BYTES], [MODEL_BYTES]]
