@@ -135,7 +135,7 @@ def track(
     progress: Progress | None = None,
     aam: str | Path | None = None,
 ) -> "FaceTrack":
-    """Track a face: per frame its pose in degrees and mm, EAUs and action units, confidence.
+    """Track a face: per frame its pose in degrees and mm, EAUs, action units, emotions, confidence.
 
     source: as for `encode`.  aam: a model of `risorius train` that finds landmarks instead of the
     network.  Raises `UserError` if it cannot be read or shows no face.
