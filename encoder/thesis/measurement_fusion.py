@@ -72,6 +72,7 @@ class MeasurementFusion:
         noise, uncertainty = ProcessNoise(focal_per_s=0.0), InitialUncertainty(focal_share=1e-6)
         if options.free_focal:
             noise, uncertainty = ProcessNoise(), InitialUncertainty()
+        self._free_focal = options.free_focal
         eau, projection = start.eau[self._active], options.projection
         self._filter = FaceFilter(
             camera, start.pose, eau, self._count, noise, uncertainty, projection
@@ -125,6 +126,8 @@ class MeasurementFusion:
         eau = face.eau.copy()
         eau[self._active] = estimate.eau
         found = replace(face, pose=estimate.pose, eau=clip_eau(eau))
+        if not self._free_focal:
+            return found
         # What is drawn and fitted has the identity's focal length.
         return with_focal_change(found, self._camera.focal_px / estimate.camera.focal_px)
 
