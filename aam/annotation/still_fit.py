@@ -9,12 +9,12 @@ from functools import cache
 
 import numpy as np
 
-from aam.annotation.bounded_step import bounded_step
 from aam.annotation.held_values import HeldValues
 from aam.annotation.landmark_schemes import FaceLandmarks
 from aam.shape_space import FITTED_EAUS, shape_vector
 from aam.weak_pose import POSE_COUNT, perspective_pose, pose_vector, telephoto
 from encoder.detection.landmark_indices import EYELID_MARGINS, OUTER_EYE_CORNERS
+from encoder.fitting.bounded_step import bounded_step
 from encoder.fitting.eyelids import with_measured_eyelids
 from encoder.fitting.identity import (
     AAU_SIGMA,

@@ -25,7 +25,7 @@ from encoder.fitting.gauss_newton import (
     Evaluation,
     levenberg_marquardt,
 )
-from encoder.fitting.increments import RIGID, apply_picture_step
+from encoder.fitting.increments import RIGID, actuator_room, apply_picture_step
 from runtime.cauchy_weight import cauchy_weight
 from runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
@@ -195,6 +195,7 @@ class TexelFitter:
             PICTURE_DAMPING,
             iterations,
             undamped=count,
+            room=lambda face: actuator_room(face, free, count),
         )
         luma = best.samples[:, 0]
         modes = solve_coefficients(template, luma, observation.weights)

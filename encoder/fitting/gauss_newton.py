@@ -10,9 +10,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from encoder.fitting.bounded_step import bounded_step
 from shared_model.arrays import Array
 
 Equations = tuple[Array, Array]
+# How far each value of a step (n,) may go down, and up.
+Room = tuple[Array, Array]
 State = TypeVar("State")
 
 # An iteration that changes the cost by no more than this share is the last.
@@ -50,9 +53,11 @@ class Damping:
     absolute_ridge: float = 0.0
 
 
-def solved(normal: Array, right: Array) -> Array:
-    """The step (n,) that solves normal equations."""
-    return np.asarray(np.linalg.solve(normal, right), np.float64)
+def solved(normal: Array, right: Array, room: Room | None = None) -> Array:
+    """The step (n,) that solves normal equations within its room; None: there are no bounds."""
+    if room is None:
+        return np.asarray(np.linalg.solve(normal, right), np.float64)
+    return bounded_step(normal, right, np.ones(len(right), bool), *room)
 
 
 def gauss_newton(
@@ -61,6 +66,7 @@ def gauss_newton(
     apply_step: Callable[[State, Array], State],
     iterations: int,
     min_decrease: float = -np.inf,
+    room: Callable[[State], Room] | None = None,
 ) -> tuple[State, Array]:
     """The state after some Gauss-Newton steps, and the normal matrix (n, n) of the last one.
 
@@ -68,11 +74,12 @@ def gauss_newton(
     apply_step: adds a step (n,) to a state.
     iterations: at most, and at least one; a step whose linearised decrease of the sum of squares
         is less than `min_decrease` is the last.
+    room: how far each value of a step may go down and up; None: any way.
     """
     state = start
     for _ in range(iterations):
         normal, right = equations(state)
-        step = solved(normal, right)
+        step = solved(normal, right, room and room(state))
         state = apply_step(state, step)
         if step @ right < min_decrease:
             break
@@ -86,6 +93,7 @@ def levenberg_marquardt(
     damping: Damping,
     iterations: int,
     undamped: int = 0,
+    room: Callable[[State], Room] | None = None,
 ) -> tuple[State, AnyEvaluation]:
     """The state of least cost among those that damped Gauss-Newton steps reach, and its evaluation.
 
@@ -93,6 +101,7 @@ def levenberg_marquardt(
     apply_step: adds a step (n,) to a state.
     iterations: at most; the solver stops earlier at `RELATIVE_TOLERANCE`.
     undamped: number of parameters at the end, linear ones, that are not damped.
+    room: see `gauss_newton`.
     """
     best, at = start, evaluate(start)
     if not np.isfinite(at.cost):
@@ -101,7 +110,8 @@ def levenberg_marquardt(
     equations: Equations | None = None
     for _ in range(iterations):
         equations = equations or at.equations()
-        trial = apply_step(best, damped_step(equations, factor, damping, undamped))
+        step = damped_step(equations, factor, damping, undamped, room and room(best))
+        trial = apply_step(best, step)
         tried = evaluate(trial)
         converged = abs(at.cost - tried.cost) < RELATIVE_TOLERANCE * at.cost
         if tried.cost <= at.cost:
@@ -114,8 +124,14 @@ def levenberg_marquardt(
     return best, at
 
 
-def damped_step(equations: Equations, factor: float, damping: Damping, undamped: int) -> Array:
-    """The step (n,) that solves the equations, see `Evaluation`.
+def damped_step(
+    equations: Equations,
+    factor: float,
+    damping: Damping,
+    undamped: int,
+    room: Room | None = None,
+) -> Array:
+    """The step (n,) that solves the equations, see `Evaluation`, within its room.
 
     factor: share of the normal matrix's diagonal that is added to it, but for the last `undamped`
     parameters.
@@ -123,4 +139,4 @@ def damped_step(equations: Equations, factor: float, damping: Damping, undamped:
     normal, right = equations
     share = np.full(len(normal), damping.relative_ridge)
     share[: len(normal) - undamped] += factor
-    return solved(normal + np.diag(share * np.diag(normal) + damping.absolute_ridge), right)
+    return solved(normal + np.diag(share * np.diag(normal) + damping.absolute_ridge), right, room)

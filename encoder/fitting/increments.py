@@ -12,7 +12,16 @@ from shared_model import geometry
 from shared_model.animate import identity_from_controls
 from shared_model.arrays import Array, Indices
 from shared_model.mesh import Head
-from shared_model.parameters import AAUS, EAUS, FaceParameters, Pose, clip_eau, with_focal_change
+from shared_model.parameters import (
+    AAUS,
+    EAU_HIGH,
+    EAU_LOW,
+    EAUS,
+    FaceParameters,
+    Pose,
+    clip_eau,
+    with_focal_change,
+)
 
 RIGID = 6
 FACE_PARAMETERS = RIGID + len(EAUS)
@@ -30,6 +39,19 @@ def step_limits(rotation_rad: float, translation_mm: float = np.inf, eau: float 
 STEP_LIMITS = step_limits(rotation_rad=0.5)
 PICTURE_STEP_LIMITS = step_limits(rotation_rad=0.3, translation_mm=100.0, eau=1.0)
 LOG_FOCAL_LIMIT, AAU_LIMIT = 0.2, 1.9
+LOW, HIGH = np.array(EAU_LOW), np.array(EAU_HIGH)
+
+
+def actuator_room(
+    face: FaceParameters, active: Indices, coefficients: int = 0
+) -> tuple[Array, Array]:
+    """How far each value of a solution may go down and up, so that actuators keep their ranges.
+
+    active, coefficients: see `apply_picture_step`.
+    """
+    before, after = np.full(RIGID, np.inf), np.full(coefficients, np.inf)
+    down, up = ((end[active] - face.eau[active]) for end in (LOW, HIGH))
+    return np.concatenate([-before, down, -after]), np.concatenate([before, up, after])
 
 
 def apply_increment(face: FaceParameters, step: Array) -> FaceParameters:

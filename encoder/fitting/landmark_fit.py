@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from encoder.detection.landmark_indices import OUTER_EYE_CORNERS, RIGID_LANDMARKS
-from encoder.fitting.gauss_newton import Equations, gauss_newton
-from encoder.fitting.increments import RIGID, apply_clipped_increment
+from encoder.fitting.gauss_newton import Equations, Room, gauss_newton
+from encoder.fitting.increments import RIGID, actuator_room, apply_clipped_increment
 from runtime.jit import jit
 from shared_model import geometry
 from shared_model.arrays import Array, Indices
@@ -103,7 +103,10 @@ def fit_landmarks(
         step[free] = solution
         return apply_clipped_increment(face, step)
 
-    return gauss_newton(equations, start, moved, iterations, MIN_DECREASE)[0]
+    def room(face: FaceParameters) -> Room:
+        return actuator_room(face, fitted)
+
+    return gauss_newton(equations, start, moved, iterations, MIN_DECREASE, room)[0]
 
 
 def initial_parameters(model: LandmarkModel, camera: Camera, points_px: Array) -> FaceParameters:

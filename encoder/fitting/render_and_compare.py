@@ -28,7 +28,12 @@ from encoder.fitting.gauss_newton import (
     damped_step,
     levenberg_marquardt,
 )
-from encoder.fitting.increments import FACE_PARAMETERS, RIGID, apply_picture_step
+from encoder.fitting.increments import (
+    FACE_PARAMETERS,
+    RIGID,
+    actuator_room,
+    apply_picture_step,
+)
 from runtime.bilinear import bilinear_weights
 from runtime.image_ops import hull_mask
 from runtime.jit import jit
@@ -109,6 +114,7 @@ class ImageFitter:
             PICTURE_DAMPING,
             iterations,
             undamped=len(start.modes),
+            room=lambda face: actuator_room(face, ALL_EAUS, len(start.modes)),
         )
         return result
 

@@ -9,10 +9,12 @@ from heads import seen_points
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity
 from encoder.fitting.landmark_fit import (
+    EAU_PRIOR_SIGMA,
     LandmarkModel,
     fit_landmarks,
     initial_parameters,
     landmark_model,
+    observed_points,
     personalise,
     projection_jacobian,
     rotated_points,
@@ -69,6 +71,32 @@ SENT = tuple(EAU_INDEX[name] for name in (*THESIS_EAUS, *LID_EAUS))
 
 def angles(face: FaceParameters) -> Array:
     return np.array(euler_deg(face.pose))
+
+
+def test_what_an_actuator_at_its_bound_leaves_is_explained_by_the_others(
+    head: Head, model: LandmarkModel
+) -> None:
+    shut = a_face(4, 3, 0, lip_press=0.3, mouth_corners=0.2)
+    points = seen_points(head, CAMERA, shut)
+    # The chin higher than a shut jaw has it, as of somebody who pouts.
+    opened = seen_points(
+        head, CAMERA, a_face(4, 3, 0, lip_press=0.3, mouth_corners=0.2, jaw_drop=0.4)
+    )
+    points[:, :2] -= opened[:, :2] - points[:, :2]
+
+    def cost(face: FaceParameters) -> float:
+        rotated, _ = rotated_points(model, matrix_from_quaternion(face.pose.rotation), face.eau)
+        pixels = pixel_from_camera(CAMERA, rotated + face.pose.translation_mm)
+        target, sigma_px = observed_points(model, points)
+        squares = np.square((target[:, :2] - pixels) / sigma_px).sum()
+        return float(squares + np.square(face.eau / EAU_PRIOR_SIGMA).sum())
+
+    jaw = EAU_INDEX["jaw_drop"]
+    others = [number for number in range(len(EAUS)) if number != jaw]
+    found = fit_landmarks(model, CAMERA, points, shut)
+    held = fit_landmarks(model, CAMERA, points, shut, others)
+    assert found.eau[jaw] == 0
+    assert cost(found) < 1.02 * cost(held)
 
 
 @pytest.mark.parametrize("turn", [(0, 0, 0), (20, -10, 5), (-30, 8, -20)])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aam.annotation.bounded_step import bounded_step
+from encoder.fitting.bounded_step import bounded_step
 
 
 def test_the_other_values_take_over_what_a_bound_keeps_one_from() -> None:
