@@ -6,6 +6,7 @@ ones.  In both, no key frame follows the first.
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
@@ -168,11 +169,26 @@ def code(
     options = rival.realtime if setting.is_realtime else rival.best
     context.options = {**options, "crf": str(setting.quality)}
     try:
+        context.open()
+        _schedule_as_others()
         frames = chain(_frames(pictures, 1 / rate), [None])
         packets = [packet for frame in frames for packet in context.encode(frame)]
     except av.error.FFmpegError as error:
         raise UserError(f"{rival.name} cannot code {width}x{height}: {error}") from error
     return [kept for packet in packets for kept in _without_comments(rival, packet)]
+
+
+def _schedule_as_others() -> None:
+    """Take back the real-time scheduling that SVT-AV1 gives all threads of a program of root's.
+
+    It would stay, whatever the program starts would have it, too, and nothing else would run.
+    """
+    if not hasattr(os, "sched_setscheduler"):
+        return
+    for thread in Path("/proc/self/task").iterdir():
+        with suppress(OSError):
+            if os.sched_getscheduler(int(thread.name)) != os.SCHED_OTHER:
+                os.sched_setscheduler(int(thread.name), os.SCHED_OTHER, os.sched_param(0))
 
 
 def _code_by_program(

@@ -1,6 +1,8 @@
 """Other codecs on the same pictures."""
 
+import os
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -90,3 +92,13 @@ def test_sizes_are_even_and_not_too_small() -> None:
 def test_a_rival_that_is_not_known_is_the_users_mistake() -> None:
     with pytest.raises(UserError, match="h261 is no rival; there are svtav1"):
         rivals_named(["h261"])
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="needs Linux")
+def test_a_rival_leaves_the_scheduling_of_the_program_as_it_was(rival: Rival) -> None:
+    def policies() -> set[int]:
+        return {os.sched_getscheduler(int(each.name)) for each in Path("/proc/self/task").iterdir()}
+
+    before = policies()
+    assert code(rival, RivalSetting(rival.qualities[0]), moving(4), FPS)
+    assert policies() == before
