@@ -36,7 +36,7 @@ from protocol.progressive_model import LayerBuffer
 from protocol.summary import summarise
 
 FRAMES, FPS = 60, 25
-BITRATE, STARTUP, MODEL_BYTES = 1000.0, 12000.0, 4500
+BITRATE, STARTUP, MODEL_BYTES = 1000.0, 12000.0, 6000
 
 
 def test_a_startup_rate_no_larger_than_the_frames_rate_is_refused(
