@@ -78,7 +78,9 @@ def test_every_frame_has_one_face_across_the_update(live_call: Path) -> None:
     frames = played(live_call)
     assert [frame.index for frame in frames] == list(range(FRAMES))
     jaw = [frame.face.eau[EAU_INDEX["jaw_drop"]] for frame in frames]
-    assert min(jaw[26:34]) < 0.15 < 0.25 < min(max(jaw[8:18]), max(jaw[70:]))
+    # How far it opens after the update is shared between the jaw and modes.
+    shut, opened = min(jaw[26:34]), min(max(jaw[8:18]), max(jaw[70:]))
+    assert shut < 0.15 and opened > shut + 0.1
     assert not frames[0].face.modes.any() and frames[-1].face.modes.any()
 
 
