@@ -95,8 +95,9 @@ node_modules/.installed: package.json package-lock.json scripts/system_libraries
 test: $(INSTALLED)
 	$(MAKE) --jobs 3 lint test-player test-protocol test-packages
 
+# Without the flag node may hang as it ends: its issue 54918.
 test-player: node_modules/.installed
-	node --test --test-reporter dot tests/test_player/
+	node --no-concurrent-recompilation --test --test-reporter dot tests/test_player/
 
 test-packages: $(COMPILED) $(BROWSER) $(WATCH)
 	$(PYTEST) --ignore=tests/test_protocol

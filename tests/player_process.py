@@ -19,7 +19,9 @@ def of_player(paths: Sequence[Path]) -> list[Any]:
     node = which("node")
     if node is None:
         pytest.skip("needs node: apt-get install nodejs")
-    run = subprocess.run([node, PLAYER, *paths], capture_output=True, text=True, check=False)
+    # Without the flag node may hang as it ends: its issue 54918.
+    command: list[str | Path] = [node, "--no-concurrent-recompilation", PLAYER, *paths]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     return [json.loads(line) for line in run.stdout.splitlines()]
 

@@ -23,7 +23,7 @@ from encoder.fitting.identity import (
     RESIDUAL_SIGMA_MM,
     TYPICAL_FOCAL_RATIO,
 )
-from encoder.fitting.increments import AAU_LIMIT
+from encoder.fitting.increments import AAU_LIMIT, eau_room
 from encoder.fitting.landmark_fit import (
     EAU_PRIOR_SIGMA,
     LANDMARK_SIGMA,
@@ -38,7 +38,7 @@ from shared_model import geometry
 from shared_model.arrays import Array
 from shared_model.geometry import FRONTAL, Camera
 from shared_model.mesh import Head, generic_head
-from shared_model.parameters import AAUS, EAU_HIGH, EAU_LOW, FaceParameters, clip_eau
+from shared_model.parameters import AAUS, FaceParameters, clip_eau
 from shared_model.shape_residual import residual_basis
 
 PROJECTIONS = ("weak", "perspective")
@@ -230,8 +230,8 @@ def _step(
 
 def _room(state: _State, controls: int) -> tuple[Array, Array]:
     """How far each value of a step may go down and up, in the order of `_step`."""
-    fitted, others = np.array(FITTED_EAUS), np.full(controls, np.inf)
-    low, high = (np.asarray(end)[fitted] - state.eau[fitted] for end in (EAU_LOW, EAU_HIGH))
+    others = np.full(controls, np.inf)
+    low, high = eau_room(state.eau, np.array(FITTED_EAUS))
     pose = np.full(POSE_COUNT, np.inf)
     return (
         np.concatenate([-AAU_LIMIT - state.aau, -others, low, -pose]),

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from encoder.fitting.fit_results import IdentityFit
+from encoder.fitting.gauss_newton import Room
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
 from shared_model.arrays import Array, Indices
@@ -42,15 +43,15 @@ LOG_FOCAL_LIMIT, AAU_LIMIT = 0.2, 1.9
 LOW, HIGH = np.array(EAU_LOW), np.array(EAU_HIGH)
 
 
-def actuator_room(
-    face: FaceParameters, active: Indices, coefficients: int = 0
-) -> tuple[Array, Array]:
-    """How far each value of a solution may go down and up, so that actuators keep their ranges.
+def eau_room(eau: Array, active: Indices) -> Room:
+    """How far active actuators may go down and up within their ranges.  eau: (EAUs,) of all."""
+    return LOW[active] - eau[active], HIGH[active] - eau[active]
 
-    active, coefficients: see `apply_picture_step`.
-    """
+
+def actuator_room(face: FaceParameters, active: Indices, coefficients: int = 0) -> Room:
+    """The same of each value of a solution, see `apply_picture_step`; the others go any way."""
     before, after = np.full(RIGID, np.inf), np.full(coefficients, np.inf)
-    down, up = ((end[active] - face.eau[active]) for end in (LOW, HIGH))
+    down, up = eau_room(face.eau, active)
     return np.concatenate([-before, down, -after]), np.concatenate([before, up, after])
 
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from encoder.detection.landmark_indices import OUTER_EYE_CORNERS, RIGID_LANDMARKS
-from encoder.fitting.gauss_newton import Equations, Room, gauss_newton
+from encoder.fitting.gauss_newton import Equations, gauss_newton
 from encoder.fitting.increments import RIGID, actuator_room, apply_clipped_increment
 from runtime.jit import jit
 from shared_model import geometry
@@ -103,9 +104,7 @@ def fit_landmarks(
         step[free] = solution
         return apply_clipped_increment(face, step)
 
-    def room(face: FaceParameters) -> Room:
-        return actuator_room(face, fitted)
-
+    room = partial(actuator_room, active=fitted)
     return gauss_newton(equations, start, moved, iterations, MIN_DECREASE, room)[0]
 
 
