@@ -23,7 +23,8 @@ def robust_mean(
     workers: see `parallel_map`.
     """
     # Of one layout, so that there is one compiled loop.
-    pictures, mean = np.ascontiguousarray(pictures), np.empty(pictures.shape[1:], np.float32)
+    pictures, weights = np.ascontiguousarray(pictures), np.ascontiguousarray(weights)
+    mean = np.empty(pictures.shape[1:], np.float32)
     edges = np.linspace(0, len(mean), (workers or available_cores()) + 1).astype(int).tolist()
 
     def fill(part: tuple[int, int]) -> None:
