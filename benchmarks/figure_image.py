@@ -5,7 +5,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import unquote
 
-from loopback.browser import Browser, find_browser
+from benchmarks.browser import Browser, find_browser
 from loopback.report import write_report
 from loopback.report_page import chart, page
 from shared_model.errors import UserError

@@ -17,12 +17,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.bad_wire.network_namespace import obstacle
+from benchmarks.bad_wire.wire import BadWire, Faults
+from benchmarks.browser import Browser, find_browser
 from benchmarks.command import PROGRAM, run
 from benchmarks.measured_process import holds_within
-from loopback.bad_wire import BadWire, Faults
-from loopback.browser import Browser, find_browser
-from loopback.network_namespace import obstacle
-from loopback.played_letter import SOFTWARE_GL
+from benchmarks.played_letter import SOFTWARE_GL
 from loopback.report import Cell, table
 from shared_model.errors import UserError
 

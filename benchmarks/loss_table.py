@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.command import run
+from benchmarks.simulated_link import SentPacket, SimulatedLink, arrivals, sent_packets
 from decoder.playout.playout import PlayoutFrame
 from decoder.playout.receiver import Receiver
 from decoder.scene.scene import Scene
@@ -25,7 +26,6 @@ from encoder.capture.video_source import open_source
 from loopback.quality.psnr import psnr_db, squared_error
 from loopback.quality.video_quality import TrackedFaceMask
 from loopback.report import Cell, table
-from loopback.simulated_link import SentPacket, SimulatedLink, arrivals, sent_packets
 from protocol.link.interface import Arrival
 from shared_model.arrays import Mask, Picture
 from shared_model.stage_timer import StageTimer

@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.browser import find_browser
 from benchmarks.command import run, warn
+from benchmarks.played_letter import PlayedLetter
 from decoder.call_pictures import CallPictures
 from decoder.playout.call_source import CallSource
 from decoder.sinks.frame_sink import open_sink
-from loopback.browser import find_browser
 from loopback.clip_paths import videos_in
-from loopback.played_letter import PlayedLetter
 from loopback.quality.psnr import psnr_db, squared_error
 from loopback.quality.video_quality import Quality, face_mask_finder, measure_quality
 from loopback.report import Cell, table

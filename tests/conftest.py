@@ -23,13 +23,13 @@ import numpy as np
 import pytest
 from shots import Shots, draw, draw_shots, talking
 
+from benchmarks.browser import find_browser
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import open_source
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
-from loopback.browser import find_browser
 from loopback.clip_paths import CARPHONE, clip_path
 from loopback.process_pair import free_port
 from risorius.cli import main

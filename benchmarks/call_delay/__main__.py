@@ -48,12 +48,12 @@ from tempfile import TemporaryDirectory
 import aiohttp
 import numpy as np
 
+from benchmarks.browser import Browser, find_browser
 from benchmarks.call_delay.clip import SECONDS, is_open, write_clip, write_empty_clip
 from benchmarks.call_delay.seen_pictures import Seen, pictures_of, seen_quality
 from benchmarks.command import PROGRAM, run
 from benchmarks.measured_process import cpu_s
-from loopback.browser import Browser, find_browser
-from loopback.played_letter import SOFTWARE_GL
+from benchmarks.played_letter import SOFTWARE_GL
 from loopback.process_pair import busy_loops, free_port
 from shared_model.arrays import Array, Integers
 from shared_model.errors import UserError

@@ -24,9 +24,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmarks.browser import Browser, find_browser
 from benchmarks.command import run
 from encoder.sound.drift_compensator import DriftCompensator
-from loopback.browser import Browser, find_browser
 from risorius.call_page.page_thread import PageThread
 from shared_model.arrays import Array
 from shared_model.errors import UserError

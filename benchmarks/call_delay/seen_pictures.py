@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks.browser import Browser
 from encoder.capture.video_source import open_source
-from loopback.browser import Browser
 from loopback.quality.video_quality import TrackedFaceMask, measure_pictures
 from shared_model.arrays import Picture
 from shared_model.errors import UserError

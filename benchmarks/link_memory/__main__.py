@@ -15,10 +15,10 @@ from dataclasses import dataclass, field, replace
 from itertools import cycle
 from pathlib import Path
 
+from benchmarks.bad_wire.wire import Faults, Lane
 from benchmarks.command import run
 from benchmarks.measured_process import memory_bytes
 from decoder.playout.receiver import Receiver
-from loopback.bad_wire import Faults, Lane
 from protocol.call_file import CallReader
 from protocol.errors import ProtocolError
 from protocol.limits import SEQUENCE_MODULUS

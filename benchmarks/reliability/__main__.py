@@ -28,6 +28,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from benchmarks.bad_wire.network_namespace import obstacle
+from benchmarks.bad_wire.wire import BadWire, end
 from benchmarks.command import PROGRAM, run
 from benchmarks.loss_table import FacePsnr
 from benchmarks.measured_process import holds_within
@@ -43,12 +45,10 @@ from benchmarks.reliability.figures import (
 )
 from benchmarks.reliability.rows import DECODER, ENCODER, RELAY, ROWS, Action, Event, Row
 from benchmarks.reliability.tables import COLUMNS, cells_of, markdown_lines, replaced
+from benchmarks.simulated_link import sent_packets
 from decoder.playout.playout import PlayoutFrame
 from encoder.coding.thin_link import startup_rate
-from loopback.bad_wire import BadWire, end
-from loopback.network_namespace import obstacle
 from loopback.report import table, write_json
-from loopback.simulated_link import sent_packets
 from shared_model.errors import UserError
 
 ADDRESSES, PORT = ("10.77.0.1", "10.77.0.2", "10.77.0.3"), 7447

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from loopback.simulated_link import sent_packets
+from benchmarks.simulated_link import sent_packets
 from protocol.discovery import CallAnnouncer, FoundCall
 from protocol.endpoint import OwnAddress, parse_endpoint
 from protocol.link.interface import LinkOptions

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.simulated_link import SentPacket
 from decoder.playout.playout import PlayoutFrame
 from decoder.playout.receiver import Receiver
 from decoder.scene.scene_parts import face_from_model, head_of
-from loopback.simulated_link import SentPacket
 from protocol.link.interface import Arrival
 from protocol.packets import PacketKind, packet_kind
 from shared_model.geometry import pixel_from_head

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from loopback.bad_wire import Faults
+from benchmarks.bad_wire.wire import Faults
 
 # Which host is which.  The decoder listens and the encoder connects, or both connect to the relay.
 DECODER, ENCODER, RELAY = 0, 1, 2

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aam.validation.units.outcomes import area_under_curve
 from risorius.track_bench.unit_labels import UnitLabels
 from shared_model.arrays import Array, Mask
 
@@ -49,6 +48,15 @@ def unit_scores(
         unit: _score(np.concatenate(strengths[unit]), np.concatenate(truths[unit]))
         for unit in strengths
     }
+
+
+def area_under_curve(strengths: Array, shown: Mask) -> float:
+    """The share of pairs of a picture (n,) that shows a unit and one that does not of which the
+    first has the greater strength; equal ones count half.
+    """
+    low, high = np.sort(strengths[~shown]), strengths[shown]
+    below = np.searchsorted(low, high, "left") + np.searchsorted(low, high, "right")
+    return float(below.sum() / 2 / max(len(low) * len(high), 1))
 
 
 def _score(strengths: Array, shown: Mask) -> UnitScore:

@@ -14,7 +14,6 @@ from aam.pca import principal_components
 from aam.search.face_finder import on_network_landmarks
 from aam.search.find_face import find_from_eyes, find_in_window, is_explained
 from aam.search.search import METHODS, SearchOptions
-from aam.search.weighted_search import SEARCH_WEIGHT, weighted_landmarks
 from aam.training.cascade import NEAR_SHIFT, TURN_SIGMA_RAD, first_states
 from aam.training.drawn_displacements import Smoothing, pose_reach
 from aam.training.faces import at_resolution, mirrored_face, read_faces, rescaled
@@ -22,6 +21,7 @@ from aam.training.report import person_residuals, variance_chart, write_report
 from aam.training.ridge import MOMENT_RIDGES, Moments, fit_ridge, ridge_by_halves
 from aam.training.train import TrainingOptions, combined_model, train
 from aam.warps import head_warp, pose_from_eyes
+from benchmarks.validate_aam.weighted_search import SEARCH_WEIGHT, weighted_landmarks
 from risorius.cli import main
 from shared_model.errors import NO_FACE, UserError
 

@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
+from benchmarks.browser import Browser
 from benchmarks.call_delay.clocks import WORKLET_CODE, figures, voice_late
-from loopback.browser import Browser
 from risorius.call_page.page_thread import PageThread
 
 # The greatest error of tones of 1 and 3 kHz from 8 to 44.1 kHz.

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from layer_streams import BASE, write_call
 
-from loopback.simulated_link import SimulatedLink, arrivals, sent_packets
+from benchmarks.simulated_link import SimulatedLink, arrivals, sent_packets
 
 COUNT = 60
 

@@ -9,14 +9,14 @@ import pytest
 from layer_streams import write_call
 from processes import until
 
+from benchmarks.bad_wire.network_namespace import obstacle
+from benchmarks.bad_wire.wire import Faults
 from benchmarks.reliability.__main__ import make_call, measure
 from benchmarks.reliability.clips import CODEC, long_enough
 from benchmarks.reliability.figures import back_after_s, percentile, ways_ms
 from benchmarks.reliability.rows import Row
 from benchmarks.reliability.tables import markdown_lines, replaced
 from encoder.capture.video_source import open_source
-from loopback.bad_wire import Faults
-from loopback.network_namespace import obstacle
 
 COUNT = 8
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.validate_aam import main, row_files, unfinished_parts, write_whole
+from benchmarks.validate_aam.__main__ import main, row_files, unfinished_parts, write_whole
 
 
 def test_parts_whose_tables_are_there_are_passed_over(tmp_path: Path) -> None:

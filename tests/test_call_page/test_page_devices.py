@@ -14,7 +14,7 @@ from processes import LIMIT_S
 
 pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
-from loopback.browser import Browser
+from benchmarks.browser import Browser
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_server import PageServer
 from risorius.call_page.page_thread import encoded_picture

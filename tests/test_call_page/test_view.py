@@ -18,10 +18,10 @@ from processes import finish, one_line
 from sounds import voiced_sound
 from videos import endless_video
 
+from benchmarks.browser import Browser
+from benchmarks.played_letter import SOFTWARE_GL
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
-from loopback.browser import Browser
-from loopback.played_letter import SOFTWARE_GL
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_records import RecordWriter
 from risorius.cli import main

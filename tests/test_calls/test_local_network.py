@@ -11,8 +11,8 @@ import pytest
 from conftest import PROGRAM, ROOT
 from processes import LIMIT_S, until
 
-from loopback.bad_wire import BadWire, Faults
-from loopback.network_namespace import obstacle
+from benchmarks.bad_wire.network_namespace import obstacle
+from benchmarks.bad_wire.wire import BadWire, Faults
 
 THESIS = ("--profile", "thesis", "--max-frames", "8")
 WAIT = ("--wait", str(LIMIT_S))

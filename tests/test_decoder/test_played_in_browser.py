@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from sounds import voiced_sound
 
+from benchmarks.browser import Browser
 from decoder.sinks.frame_sink import open_sink
-from loopback.browser import Browser
 
 
 @pytest.fixture(scope="module")

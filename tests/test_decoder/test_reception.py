@@ -10,12 +10,12 @@ import pytest
 from layer_streams import BASE, PACKED, frames
 from studio import REST
 
+from benchmarks.simulated_link import SentPacket, SimulatedLink, arrivals
 from decoder.playout.arrival_clock import MAX_WAIT_S, MIN_WAIT_S, ArrivalClock
 from decoder.playout.encoder_session import SILENCE_S, EncoderSession
 from decoder.playout.playout import Playout, PlayoutFrame
 from decoder.playout.received_frames import MAX_DAMAGES_TOLD, DecodeStats
 from decoder.playout.receiver import Receiver
-from loopback.simulated_link import SentPacket, SimulatedLink, arrivals
 from protocol.errors import ProtocolError
 from protocol.link.interface import Arrival
 from protocol.packets import ControlKind, ControlPacket, serialise

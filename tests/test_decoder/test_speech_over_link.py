@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 from layer_streams import BASE, PACKED, frames
 
+from benchmarks.simulated_link import SentPacket, SimulatedLink, arrivals
 from decoder.playout.receiver import Receiver
 from encoder.sound.voice_packer import VoicePacker
-from loopback.simulated_link import SentPacket, SimulatedLink, arrivals
 from protocol.link.interface import Arrival
 from protocol.model_packet import ModelPacket
 from protocol.packets import ControlKind, ControlPacket, FramePacket, parse_packet, serialise

@@ -144,6 +144,12 @@ def test_imports_point_one_way(path: Path) -> None:
     assert not wrong, f"{name(path)} imports {wrong}"
 
 
+def test_nothing_that_is_installed_imports_what_measures_or_makes_data() -> None:
+    for path in modules():
+        wrong = [module for module in imports(path) if is_within(module, {"benchmarks", "assets"})]
+        assert not wrong, f"{name(path)} imports {wrong}"
+
+
 @pytest.mark.parametrize("room", ORDERED)
 def test_no_package_of_a_room_is_outside_its_order(room: str) -> None:
     folders = {path.parent.name for path in (ROOT / room).glob("*/__init__.py")}

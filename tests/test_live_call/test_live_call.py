@@ -17,7 +17,7 @@ from processes import LIMIT_S, finish, first_line, wait_until
 from shots import draw, talking
 from sounds import voiced_sound, write_wave
 
-from loopback.browser import Browser
+from benchmarks.browser import Browser
 
 pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 pytest.importorskip("pycodec2", reason="needs pycodec2: pip install '.[voice]'")
@@ -25,10 +25,10 @@ pytest.importorskip("webrtcvad", reason="needs webrtcvad: pip install '.[voice]'
 
 from call_watcher import Watcher
 
+from benchmarks.played_letter import SOFTWARE_GL
 from decoder.pipeline import DecodeOptions, decode
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
-from loopback.played_letter import SOFTWARE_GL
 from loopback.process_pair import free_port
 from protocol.errors import ProtocolError
 from protocol.link.interface import LinkOptions, Reachability

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from conftest import without_layers
 
-from loopback.browser import Browser
+from benchmarks.browser import Browser
 from loopback.curves.contenders import LADDER, Rung, call_path, look_interval
 from loopback.curves.curve_bench import CurveSettings, bench_curves, open_pool, shown_rung
 from risorius.cli import main

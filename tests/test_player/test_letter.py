@@ -8,13 +8,13 @@ import pytest
 from sounds import voiced_sound
 from vector_contents import VECTORS
 
+from benchmarks.browser import Browser
+from benchmarks.played_letter import SOFTWARE_GL, PlayedLetter
 from decoder.call_pictures import CallPictures
 from decoder.playout.call_source import CallSource
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import open_source
-from loopback.browser import Browser
-from loopback.played_letter import SOFTWARE_GL, PlayedLetter
 from loopback.quality.psnr import squared_error
 from risorius.cli import main
 from risorius.letter.letter_page import letter_page

@@ -11,7 +11,7 @@ from conftest import MakeOnce
 from played_integers import Event, Played, played_file, played_link, write_events
 from player_process import check_same
 
-from loopback.simulated_link import SimulatedLink, arrivals, sent_packets
+from benchmarks.simulated_link import SimulatedLink, arrivals, sent_packets
 from protocol.link.interface import Arrival
 from protocol.packets import PacketKind, packet_kind
 

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from processes import LIMIT_S, until
 
-from loopback.bad_wire import BadWire, Faults
-from loopback.network_namespace import obstacle
+from benchmarks.bad_wire.network_namespace import obstacle
+from benchmarks.bad_wire.wire import BadWire, Faults
 from protocol.discovery import (
     ANSWERS_PER_S,
     GROUP,

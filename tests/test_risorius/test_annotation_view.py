@@ -19,7 +19,7 @@ from processes import LIMIT_S
 
 from aam.annotation.annotation_file import read_annotation
 from aam.shape_space import JAW_DROP, SHAPE_NAMES
-from loopback.browser import Browser
+from benchmarks.browser import Browser
 from risorius.cli import main
 from risorius.view.annotation_residual import MeanResidual
 from risorius.view.annotation_state import AnnotationFolder, description, shown

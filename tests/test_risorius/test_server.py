@@ -18,7 +18,7 @@ from call_files import call_file
 from conftest import PROGRAM, ROOT, Start
 from processes import LIMIT_S, one_line, until
 
-from loopback.browser import Browser
+from benchmarks.browser import Browser
 from risorius.animation.animate import open_actor
 from risorius.animation.animation_script import AnimationState, parse_script
 from risorius.cli import main

@@ -13,8 +13,8 @@ from processes import LIMIT_S
 
 pytest.importorskip("aiohttp")
 
-from loopback.browser import Browser
-from loopback.played_letter import SOFTWARE_GL
+from benchmarks.browser import Browser
+from benchmarks.played_letter import SOFTWARE_GL
 from protocol.call_file import CallReader
 from protocol.link.interface import LinkOptions
 from protocol.link.zenoh_link import ZenohSink

@@ -11,11 +11,11 @@ from sounds import voiced_sound
 
 pytest.importorskip("aiohttp")
 
+from benchmarks.browser import Browser
+from benchmarks.played_letter import SOFTWARE_GL
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import open_source
-from loopback.browser import Browser
-from loopback.played_letter import SOFTWARE_GL
 from protocol.call_file import CallReader
 from protocol.link.interface import LinkOptions
 from protocol.link.zenoh_link import ZenohSink

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from processes import until
 
-from loopback.bad_wire import BadWire, Faults, Host
-from loopback.network_namespace import obstacle
+from benchmarks.bad_wire.network_namespace import obstacle
+from benchmarks.bad_wire.wire import BadWire, Faults, Host
 
 pytestmark = pytest.mark.skipif(obstacle() is not None, reason=f"no wire: {obstacle()}")
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from aam.model import texture_at
 from aam.training.train import combined_model
-from aam.validation.contenders import Contender
-from aam.validation.planar_warp import PLANAR_LANDMARKS, similarity
-from aam.validation.samples import ANATOMICAL, Sample
 from aam.weak_pose import euler_angles_deg
+from benchmarks.validate_aam.contenders import Contender
+from benchmarks.validate_aam.planar_warp import PLANAR_LANDMARKS, similarity
+from benchmarks.validate_aam.samples import ANATOMICAL, Sample
 from shared_model.arrays import Array
 
 # Faces that are drawn at random (3.1.3).

@@ -8,10 +8,16 @@ import numpy as np
 from aam.sampling import window_px
 from aam.search.search import SearchOptions
 from aam.search_pictures import search_sheet
-from aam.validation.contenders import Contender, errors, find_from, found_points, start_pose
-from aam.validation.planar_warp import PLANAR_LANDMARKS
-from aam.validation.samples import Sample
 from aam.window import FaceWindow, shrunk
+from benchmarks.validate_aam.contenders import (
+    Contender,
+    errors,
+    find_from,
+    found_points,
+    start_pose,
+)
+from benchmarks.validate_aam.planar_warp import PLANAR_LANDMARKS
+from benchmarks.validate_aam.samples import Sample
 from runtime.parallel import parallel_map
 from shared_model.arrays import Array, Picture
 

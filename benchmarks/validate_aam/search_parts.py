@@ -8,19 +8,19 @@ import cv2
 from aam.charts import has_charts
 from aam.search.search import METHODS, SearchOptions
 from aam.training.train import TrainingOptions
-from aam.validation import tables
-from aam.validation.asked import Asked, Part, verdict
-from aam.validation.contenders import Contender, train_residual_head
-from aam.validation.plots import convergence_chart
-from aam.validation.samples import Sample
-from aam.validation.search_experiments import (
+from benchmarks.validate_aam import tables
+from benchmarks.validate_aam.asked import Asked, Part, verdict
+from benchmarks.validate_aam.contenders import Contender, train_residual_head
+from benchmarks.validate_aam.plots import convergence_chart
+from benchmarks.validate_aam.samples import Sample
+from benchmarks.validate_aam.search_experiments import (
     Generalisation,
     best_possible,
     convergence,
     generalisation,
     step_sheet,
 )
-from aam.validation.search_time import search_time
+from benchmarks.validate_aam.search_time import search_time
 
 # Share of the shape's variance that modes keep where they include residual ones.
 RESIDUAL_RETAINED = 0.97

@@ -17,7 +17,7 @@ from aam.annotation.landmark_search import StillLandmarks
 from aam.annotation.model_landmarks import ModelLandmarks
 from aam.annotation.still_fit import fit_still
 from aam.model import MultiResolutionModel
-from aam.search.weighted_search import weighted_landmarks
+from benchmarks.validate_aam.weighted_search import weighted_landmarks
 from encoder.detection.landmark_indices import FACE_OVAL, OUTER_EYE_CORNERS
 from runtime.parallel import parallel_map
 from shared_model.arrays import Array, Picture

@@ -9,15 +9,15 @@ import numpy as np
 from aam.search.search import SearchOptions
 from aam.training.train import TrainingOptions
 from aam.training.train import train as train_model
-from aam.validation import tables
-from aam.validation.asked import Asked, Part, asked_rows, joined, verdict
-from aam.validation.contenders import Contender, train_head, train_planar
-from aam.validation.first_frames import FirstFrames, TruePicture, first_frames
-from aam.validation.model_parts import model_part, prediction_part
-from aam.validation.samples import Sample, split_people
-from aam.validation.search_experiments import generalisation
-from aam.validation.search_parts import residual_part, search_part, speed_part
-from aam.validation.units.unit_experiment import unit_part
+from benchmarks.validate_aam import tables
+from benchmarks.validate_aam.asked import Asked, Part, asked_rows, joined, verdict
+from benchmarks.validate_aam.contenders import Contender, train_head, train_planar
+from benchmarks.validate_aam.first_frames import FirstFrames, TruePicture, first_frames
+from benchmarks.validate_aam.model_parts import model_part, prediction_part
+from benchmarks.validate_aam.samples import Sample, split_people
+from benchmarks.validate_aam.search_experiments import generalisation
+from benchmarks.validate_aam.search_parts import residual_part, search_part, speed_part
+from benchmarks.validate_aam.units.unit_experiment import unit_part
 
 Tell = Callable[[str], None]
 

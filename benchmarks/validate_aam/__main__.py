@@ -23,11 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
-from aam.validation.asked import asked_table
-from aam.validation.experiments import PARTS, ROWS, run_experiments
-from aam.validation.first_frames import read_true_pictures
-from aam.validation.samples import read_samples
 from benchmarks.annotated_sets import AnnotatedSets, annotated_sets
+from benchmarks.validate_aam.asked import asked_table
+from benchmarks.validate_aam.experiments import PARTS, ROWS, run_experiments
+from benchmarks.validate_aam.first_frames import read_true_pictures
+from benchmarks.validate_aam.samples import read_samples
 
 # Pictures of the test set at most, as many as in 3.1.
 TEST_PICTURES = 124

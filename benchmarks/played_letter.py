@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from loopback.browser import Browser
+from benchmarks.browser import Browser
 from shared_model.arrays import Picture
 
 # Chromium draws in software where there is no graphics card.

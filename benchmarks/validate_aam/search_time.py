@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aam.search.search import SearchOptions
-from aam.validation.contenders import Contender, found_points, start_pose
-from aam.validation.samples import Sample
+from benchmarks.validate_aam.contenders import Contender, found_points, start_pose
+from benchmarks.validate_aam.samples import Sample
 from runtime.parallel import one_blas_thread
 
 # Searches that load what the first ones need.

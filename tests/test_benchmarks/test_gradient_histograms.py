@@ -3,7 +3,7 @@
 import numpy as np
 
 from aam.texture_frame import texture_frame
-from aam.validation.units.gradient_histograms import ORIENTATIONS, gradient_histograms
+from benchmarks.validate_aam.units.gradient_histograms import ORIENTATIONS, gradient_histograms
 from shared_model.arrays import Single
 
 SIZE = 64

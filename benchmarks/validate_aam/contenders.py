@@ -10,16 +10,16 @@ from aam.search.find_face import FaceFit, find_in_window
 from aam.search.search import SearchOptions
 from aam.training.faces import TrainingFace, at_resolution, mirrored_face
 from aam.training.train import SIZES, Progress, TrainingOptions, train_levels
-from aam.validation.planar_warp import (
+from aam.warps import HeadWarp, Warp, head_warp, pose_from_eyes, pose_from_two_points
+from benchmarks.validate_aam.planar_warp import (
     PLANAR_LANDMARKS,
     PlanarWarp,
     mean_shape,
     mirrored_planar,
     planar_face,
 )
-from aam.validation.residual_shape import ResidualFaces, residual_faces
-from aam.validation.samples import ANATOMICAL, Sample
-from aam.warps import HeadWarp, Warp, head_warp, pose_from_eyes, pose_from_two_points
+from benchmarks.validate_aam.residual_shape import ResidualFaces, residual_faces
+from benchmarks.validate_aam.samples import ANATOMICAL, Sample
 from shared_model.arrays import Array
 
 # Nasion and subnasale, the anthropometric vertical axis (2.3.2), among the network's landmarks.

@@ -6,7 +6,7 @@ from html import escape
 import numpy as np
 
 from aam.charts import Line, Panel, chart_svg
-from aam.validation.prediction_experiments import PredictionCurve
+from benchmarks.validate_aam.prediction_experiments import PredictionCurve
 from shared_model.arrays import Array
 
 SIDE, MARGIN = 190, 34

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aam.validation.units.expressed_faces import UNITS
+from benchmarks.validate_aam.units.expressed_faces import UNITS
+from risorius.track_bench.unit_scores import area_under_curve
 from shared_model.arrays import Array, Mask
 
 OUTCOMES = ("right", "false", "missed", "confused")
@@ -109,12 +110,3 @@ def judged_units(strengths: Array, shown: Array, found: Mask) -> Recognition:
             right, false, missed, confused, right + false, alarms, absent, area
         )
     return Recognition(results)
-
-
-def area_under_curve(strengths: Array, shown: Mask) -> float:
-    """The share of pairs of a picture (n,) that shows a unit and one that does not of which the
-    first has the greater strength; equal ones count half.
-    """
-    low, high = np.sort(strengths[~shown]), strengths[shown]
-    below = np.searchsorted(low, high, "left") + np.searchsorted(low, high, "right")
-    return float(below.sum() / 2 / max(len(low) * len(high), 1))

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from aam.shape_space import LOW, actuators, shape_vector
-from aam.validation.samples import Sample
 from aam.warps import head_warp
+from benchmarks.validate_aam.samples import Sample
 from runtime.image_ops import hull_mask
 from shared_model.arrays import Array, Picture, Single
 from shared_model.parameters import EAU_INDEX, EAUS, clip_eau

@@ -2,25 +2,25 @@
 
 from collections.abc import Mapping, Sequence
 
-from aam.validation import tables
-from aam.validation.asked import Asked, Part, joined, verdict
-from aam.validation.contenders import Contender
-from aam.validation.model_experiments import (
+from benchmarks.validate_aam import tables
+from benchmarks.validate_aam.asked import Asked, Part, joined, verdict
+from benchmarks.validate_aam.contenders import Contender
+from benchmarks.validate_aam.model_experiments import (
     EQUAL_ERROR_PX2,
     is_near_frontal,
     mode_counts,
     modes_of_equal_error,
     specificity,
 )
-from aam.validation.plots import prediction_plot
-from aam.validation.prediction_experiments import (
+from benchmarks.validate_aam.plots import prediction_plot
+from benchmarks.validate_aam.prediction_experiments import (
     Matrix,
     PredictionCurve,
     parameter_curves,
     pose_curves,
 )
-from aam.validation.samples import Sample
-from aam.validation.search_experiments import best_possible
+from benchmarks.validate_aam.samples import Sample
+from benchmarks.validate_aam.search_experiments import best_possible
 
 # Faces of the training set whose displacements are predicted.
 DISPLACED_FACES = 80

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import IO, Self
 
-from loopback.network_namespace import NetworkNamespace
+from benchmarks.bad_wire.network_namespace import NetworkNamespace
 
 _IP_VERSION, _DESTINATION = 4, slice(16, 20)
 _READ_BYTES = 65536

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from loopback.bad_wire import Faults, Lane
-from loopback.network_namespace import TUN_DEVICE, obstacle
+from benchmarks.bad_wire.network_namespace import TUN_DEVICE, obstacle
+from benchmarks.bad_wire.wire import Faults, Lane
 
 
 def fates(faults: Faults, count: int, seed: int = 1) -> list[tuple[float, ...]]:
@@ -95,6 +95,6 @@ def test_faults_that_cannot_be_are_refused(wrong: dict[str, float]) -> None:
 
 
 def test_no_wire_without_the_device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("loopback.network_namespace.TUN_DEVICE", tmp_path / "tun")
+    monkeypatch.setattr("benchmarks.bad_wire.network_namespace.TUN_DEVICE", tmp_path / "tun")
     assert obstacle() == f"there is no {tmp_path / 'tun'}"
     assert TUN_DEVICE.name == "tun"

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from aam.validation.prediction_experiments import PredictionCurve
-from aam.validation.search_experiments import Generalisation
-from aam.validation.units.outcomes import OUTCOMES, Recognition
+from benchmarks.validate_aam.prediction_experiments import PredictionCurve
+from benchmarks.validate_aam.search_experiments import Generalisation
+from benchmarks.validate_aam.units.outcomes import OUTCOMES, Recognition
 from shared_model.arrays import Array
 
 # Table 2.5: percent and degrees.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aam.model import residual, texture_at
-from aam.validation.contenders import Contender
-from aam.validation.samples import Sample
+from benchmarks.validate_aam.contenders import Contender
+from benchmarks.validate_aam.samples import Sample
 from runtime.parallel import parallel_map
 from shared_model.arrays import Array
 

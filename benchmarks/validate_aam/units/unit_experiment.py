@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from aam.training.train import TrainingOptions
-from aam.validation import tables
-from aam.validation.asked import Asked, Part, verdict
-from aam.validation.contenders import Contender, train_head
-from aam.validation.samples import Sample
-from aam.validation.units.action_units import recognise, show_faces
-from aam.validation.units.expressed_faces import EXPRESSIONS, is_at_rest, with_units
-from aam.validation.units.outcomes import OUTCOMES, Recognition
+from benchmarks.validate_aam import tables
+from benchmarks.validate_aam.asked import Asked, Part, verdict
+from benchmarks.validate_aam.contenders import Contender, train_head
+from benchmarks.validate_aam.samples import Sample
+from benchmarks.validate_aam.units.action_units import recognise, show_faces
+from benchmarks.validate_aam.units.expressed_faces import EXPRESSIONS, is_at_rest, with_units
+from benchmarks.validate_aam.units.outcomes import OUTCOMES, Recognition
 
 # Faces of known and of new people on which expressions are drawn to judge by.
 EXPRESSED_FACES = 40

@@ -21,9 +21,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.bad_wire.network_namespace import obstacle
+from benchmarks.bad_wire.wire import BadWire, Faults, end
 from benchmarks.command import run
-from loopback.bad_wire import BadWire, Faults, end
-from loopback.network_namespace import obstacle
 from shared_model.errors import UserError
 
 _POLL_S = 0.05

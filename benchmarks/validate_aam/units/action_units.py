@@ -11,9 +11,11 @@ from aam.sampling import normalised_luma, window_px
 from aam.search.find_face import find_in_window
 from aam.search.search import SearchOptions
 from aam.shape_space import SHAPE_RANGE, actuators
-from aam.validation.contenders import Contender, start_pose
-from aam.validation.samples import Sample
-from aam.validation.units.classifiers import (
+from aam.warps import head_warp
+from aam.window import FaceWindow, shrunk
+from benchmarks.validate_aam.contenders import Contender, start_pose
+from benchmarks.validate_aam.samples import Sample
+from benchmarks.validate_aam.units.classifiers import (
     Classifier,
     by_folds,
     components,
@@ -21,11 +23,14 @@ from aam.validation.units.classifiers import (
     scaled,
     separated,
 )
-from aam.validation.units.expressed_faces import EXPRESSIONS, INTENSITIES, UNITS, with_units
-from aam.validation.units.gradient_histograms import gradient_histograms
-from aam.validation.units.outcomes import Recognition, found_units, judged_units
-from aam.warps import head_warp
-from aam.window import FaceWindow, shrunk
+from benchmarks.validate_aam.units.expressed_faces import (
+    EXPRESSIONS,
+    INTENSITIES,
+    UNITS,
+    with_units,
+)
+from benchmarks.validate_aam.units.gradient_histograms import gradient_histograms
+from benchmarks.validate_aam.units.outcomes import Recognition, found_units, judged_units
 from runtime.parallel import parallel_map
 from shared_model.arrays import Array, Single
 from shared_model.parameters import EAU_INDEX

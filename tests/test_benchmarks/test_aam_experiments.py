@@ -10,9 +10,10 @@ from aam_faces import synthetic_faces
 from aam.search.search import METHODS, SearchOptions
 from aam.shape_space import SHAPE_COUNT
 from aam.training.train import TrainingOptions
-from aam.validation import tables
-from aam.validation.asked import Asked, asked_rows, asked_table, verdict
-from aam.validation.contenders import (
+from aam.warps import head_warp
+from benchmarks.validate_aam import tables
+from benchmarks.validate_aam.asked import Asked, asked_rows, asked_table, verdict
+from benchmarks.validate_aam.contenders import (
     NOSE_LINE,
     Contender,
     errors,
@@ -21,15 +22,15 @@ from aam.validation.contenders import (
     train_planar,
     train_residual_head,
 )
-from aam.validation.experiments import (
+from benchmarks.validate_aam.experiments import (
     PARTS,
     folds,
     run_experiments,
     training_part,
 )
-from aam.validation.first_frames import FirstFrames, TruePicture, common_shift
-from aam.validation.model_parts import model_part, prediction_part
-from aam.validation.planar_warp import (
+from benchmarks.validate_aam.first_frames import FirstFrames, TruePicture, common_shift
+from benchmarks.validate_aam.model_parts import model_part, prediction_part
+from benchmarks.validate_aam.planar_warp import (
     MIRRORED,
     PLANAR_LANDMARKS,
     PlanarWarp,
@@ -38,25 +39,25 @@ from aam.validation.planar_warp import (
     planar_face,
     similarity,
 )
-from aam.validation.prediction_experiments import PredictionCurve
-from aam.validation.residual_shape import mirrored_controls
-from aam.validation.samples import Sample, split_people
-from aam.validation.search_experiments import (
+from benchmarks.validate_aam.prediction_experiments import PredictionCurve
+from benchmarks.validate_aam.residual_shape import mirrored_controls
+from benchmarks.validate_aam.samples import Sample, split_people
+from benchmarks.validate_aam.search_experiments import (
     Generalisation,
     best_possible,
     convergence,
     generalisation,
 )
-from aam.validation.search_parts import search_part, speed_part
-from aam.validation.units.action_units import (
+from benchmarks.validate_aam.search_parts import search_part, speed_part
+from benchmarks.validate_aam.units.action_units import (
     ShownFaces,
     own_neutrals,
     recognise,
     show_faces,
 )
-from aam.validation.units.expressed_faces import EXPRESSIONS, with_units
-from aam.validation.units.outcomes import area_under_curve, found_units, judged_units
-from aam.warps import head_warp
+from benchmarks.validate_aam.units.expressed_faces import EXPRESSIONS, with_units
+from benchmarks.validate_aam.units.outcomes import found_units, judged_units
+from risorius.track_bench.unit_scores import area_under_curve
 from shared_model.arrays import Array
 
 OPTIONS = TrainingOptions(size=64, normalisation="none", mirror=False, cascade=False)

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from processes import until
 
-from benchmarks.bad_wire import main
-from loopback.bad_wire import BadWire, Faults, Host, end
-from loopback.network_namespace import obstacle
+from benchmarks.bad_wire.__main__ import main
+from benchmarks.bad_wire.network_namespace import obstacle
+from benchmarks.bad_wire.wire import BadWire, Faults, Host, end
 
 pytestmark = pytest.mark.skipif(obstacle() is not None, reason=str(obstacle()))
 
@@ -198,7 +198,7 @@ def test_nothing_runs_on_after_the_wire(tmp_path: Path) -> None:
 def test_a_process_that_does_not_end_by_itself_is_killed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("loopback.bad_wire.END_PATIENCE_S", 0.1)
+    monkeypatch.setattr("benchmarks.bad_wire.wire.END_PATIENCE_S", 0.1)
     deaf = "import signal, time; signal.signal(15, signal.SIG_IGN); print(1, flush=True)\n"
     host = Host(ADDRESSES[0])
     try:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from aam.validation import tables
+from benchmarks.validate_aam import tables
 
 ASKED_HEAD = ("", "asked", "reached", "", "part")
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from aam.pca import principal_components
 from aam.training.faces import AnnotatedFace, mirrored_face
-from aam.validation.samples import Sample
 from aam.warps import HeadWarp, ResidualModes
 from aam.weak_pose import rotation_matrix
+from benchmarks.validate_aam.samples import Sample
 from encoder.fitting.identity import RESIDUAL_DEPTH_SIGMA_MM, RESIDUAL_SIGMA_MM
 from encoder.fitting.landmark_fit import LANDMARK_SIGMA, landmark_model
 from runtime.parallel import parallel_map

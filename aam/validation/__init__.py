@@ -1,1 +1,0 @@
-"""Validation (thesis 3): the experiments of the thesis, and a 2D AAM to compare with."""

@@ -1,0 +1,1 @@
+"""Measures calls over a bad wire; see `__main__`."""
