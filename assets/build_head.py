@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.head_asset.aau_fields import aau_fields
 from assets.head_asset.atlas import drawing_order, in_chart, texture_coordinates
 from assets.head_asset.correspond import find_points, transfer
 from assets.head_asset.decimate import decimate, detach
@@ -23,7 +24,6 @@ from assets.head_asset.regions import importance, opacity
 from benchmarks.command import run
 from encoder.detection.landmarks import FaceMesh
 from encoder.detection.tflite import find_network_folder
-from shared_model.anatomy.anthropometry import aau_fields
 from shared_model.anatomy.expressions import eau_fields
 from shared_model.arrays import Array, Integers
 

@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.array_band_decoder import ArrayBandDecoder
+from assets.array_context import CodingPass, class_rows, pass_features, tile_sums
 from benchmarks.command import run
 from protocol.call_file import CallReader
-from protocol.entropy.range_coder import PROBABILITY_ONE
+from protocol.entropy.range_coder import PROBABILITY_ONE, RangeDecoder
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
 from protocol.packets import parse_packet
 from protocol.pictures.coefficient_coding import STEP_OUTPUTS, UNARY_LIMIT
-from protocol.pictures.coefficient_context import CodingPass, CoefficientContext, tile_sums
 from protocol.pictures.layered_background import background_pictures
 from protocol.pictures.picture_codec import parse_picture_header, plane_shapes
 from protocol.pictures.plane_decoding import decode_planes
@@ -80,61 +80,47 @@ def concatenated(samples: Sequence[Samples]) -> Samples:
     )
 
 
-class ContextRecorder(PictureSequence):
-    """A sequence of pictures that records the inputs of its networks."""
+class ContextRecorder:
+    """Records what the networks are asked while pictures are decoded."""
 
-    def __init__(self, kind: int) -> None:
-        super().__init__(kind)
-        self.asked: list[tuple[int, BandPosition, CodingPass, Array]] = []
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, BandPosition, CodingPass, Array]] = []
 
-    def predict_tiles(
-        self, around: CoefficientContext, site: BandPosition, turn: CodingPass
-    ) -> Integers:
-        self.asked.append((0, site, turn, around.magnitude_features(turn)))
-        return super().predict_tiles(around, site, turn)
+    def bands(self, coder: RangeDecoder) -> ArrayBandDecoder:
+        """A decoder whose questions are recorded."""
+        return ArrayBandDecoder(coder, lambda *asked: self.asked.append(asked))
 
-    def predict_magnitudes(
-        self, around: CoefficientContext, site: BandPosition, turn: CodingPass
-    ) -> Integers:
-        self.asked.append((1, site, turn, around.magnitude_features(turn)))
-        return super().predict_magnitudes(around, site, turn)
-
-    def predict_signs(
-        self, around: CoefficientContext, site: BandPosition, turn: CodingPass
-    ) -> Integers:
-        self.asked.append((2, site, turn, around.sign_features(turn)))
-        return super().predict_signs(around, site, turn)
-
-    def samples(self, pyramids: Sequence[SubbandPyramid]) -> Iterator[tuple[int, Samples]]:
+    def samples(self, pyramids: Sequence[SubbandPyramid]) -> Iterator[tuple[str, Samples]]:
         """The inputs recorded since the last call, with the outcomes in the picture decoded."""
         for network, site, turn, features in self.asked:
             band = pyramids[site.plane].band(site)
-            if network == 0:
+            if network == "tiles":
                 found = tile_sums(np.abs(band))[turn.rows, turn.columns] > 0
             else:
                 values = band[turn.rows, turn.columns]
-                found = values < 0 if network == 2 else np.abs(values)
+                found = values < 0 if network == "signs" else np.abs(values)
             known = _all_features(features, site, turn), _classes(site, turn)
             yield network, Samples(*known, np.minimum(found, UNARY_LIMIT).astype(np.uint8))
         self.asked.clear()
 
 
 def _all_features(features: Array, site: BandPosition, turn: CodingPass) -> NDArray[np.int16]:
-    whole = np.array([site.pass_features(turn)] * len(features))
+    whole = np.array([pass_features(site, turn)] * len(features))
     return np.concatenate([features, whole], 1).astype(np.int16)
 
 
 def _classes(site: BandPosition, turn: CodingPass) -> Picture:
-    same = np.array([site.class_rows(turn)] * len(turn.rows))
+    same = np.array([class_rows(site, turn)] * len(turn.rows))
     cells = np.column_stack(turn.position_cells) + np.array(CLASS_STARTS[-2:])
     return np.concatenate([same, cells], 1).astype(np.uint8)
 
 
 def read_call(path: Path) -> tuple[list[Samples], ...]:
     """The samples of each network in the pictures of a call file's model packets."""
-    found: tuple[list[Samples], ...] = ([], [], [])
+    recorder = ContextRecorder()
+    found: dict[str, list[Samples]] = {name: [] for name in ProbabilityModels.__slots__}
 
-    def keep(recorder: ContextRecorder, pyramids: Sequence[SubbandPyramid]) -> None:
+    def keep(pyramids: Sequence[SubbandPyramid]) -> None:
         for network, samples in recorder.samples(pyramids):
             found[network].append(samples)
 
@@ -148,16 +134,13 @@ def read_call(path: Path) -> tuple[list[Samples], ...]:
         size = packet.call.width, packet.call.height
         for still in (*background_pictures(packet.background, *size), packet.texture):
             head = parse_picture_header("still", still)
-            recorder = ContextRecorder(head.kind)
-            shapes = plane_shapes(head.height, head.width)
-            keep(
-                recorder,
-                decode_planes(recorder, "still", still[head.start + 1 :], shapes, ArrayBandDecoder),
-            )
-        recorder = ContextRecorder(MODE)
+            shapes, sequence = plane_shapes(head.height, head.width), PictureSequence(head.kind)
+            data = still[head.start + 1 :]
+            keep(decode_planes(sequence, "still", data, shapes, recorder.bands))
+        modes = PictureSequence(MODE)
         for mode in parse_transform(packet.profile_data).modes:
-            keep(recorder, decode_planes(recorder, "mode", mode[1:], shapes, ArrayBandDecoder))
-    return found
+            keep(decode_planes(modes, "mode", mode[1:], shapes, recorder.bands))
+    return tuple(found.values())
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,6 +68,10 @@ AVERAGED_FIGURES = (
 )
 
 
+# Settings that are no options of the encoder, or are always given.
+OF_THE_BENCH = ("profile", "busy", "cores")
+
+
 @dataclass(frozen=True, slots=True)
 class BenchSettings:
     """How clips are encoded; pace: at their own rate, as latency needs it.
@@ -98,28 +102,17 @@ class BenchSettings:
     cores: str | None = None
 
     def encoder_options(self) -> list[str]:
-        """The settings as options of the encoder's command line."""
-        options = ["--profile", str(self.profile), "--detector", str(self.detector), "--lossless"]
-        options += ["--voice", "off", "--bitrate", str(self.bitrate)]
-        options += ["--pace" if self.pace else "--no-pace"]
-        options += ["--live"] if self.live else []
-        options += ["--delay", str(self.delay)] if self.delay else []
-        options += [] if self.preset is None else ["--preset", self.preset]
-        options += [] if self.aam is None else ["--aam", self.aam]
-        options += ["--aam-every-frame"] if self.aam_every_frame else []
-        if self.nose_cascade is not None:
-            options += ["--nose-cascade", self.nose_cascade]
-        options += ["--lids"] if self.lids else []
-        options += ["--texture-modes", str(self.texture_modes)] if self.texture_modes else []
-        options += [] if self.projection == "perspective" else ["--projection", self.projection]
-        options += ["--free-focal"] if self.free_focal else []
-        options += [] if self.refine else ["--no-refine"]
-        options += [] if self.fps is None else ["--fps", str(self.fps)]
-        if self.startup_bitrate is not None:
-            options += ["--startup-bitrate", str(self.startup_bitrate)]
-        if self.model_bytes is not None:
-            options += ["--model-bytes", str(self.model_bytes)]
-        return options + ([] if self.max_frames is None else ["--max-frames", str(self.max_frames)])
+        """The settings as options of the encoder's command line; each has its option's name."""
+        options = ["--lossless", "--voice", "off", "--profile", self.profile]
+        for item in fields(self):
+            value, name = getattr(self, item.name), item.name.replace("_", "-")
+            if value == item.default or name in OF_THE_BENCH:
+                continue
+            if isinstance(value, bool):
+                options.append(f"--{name}" if value else f"--no-{name}")
+            else:
+                options += [f"--{name}", str(value)]
+        return options
 
 
 @dataclass(frozen=True, slots=True)

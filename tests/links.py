@@ -7,7 +7,7 @@ from packets import MODEL
 from processes import LIMIT_S
 
 from protocol.link.interface import LinkOptions
-from protocol.link.zenoh_link import ZenohSource
+from protocol.link.link_source import LinkSource
 from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
 
 END = serialise(ControlPacket(0, ControlKind.END, 100))
@@ -35,7 +35,7 @@ def connecting(endpoint: str, lossless: bool = True) -> LinkOptions:
     return LinkOptions("test", connect=(endpoint,), connect_timeout_s=WAIT_S, lossless=lossless)
 
 
-def received(source: ZenohSource) -> bytes | None:
+def received(source: LinkSource) -> bytes | None:
     """The next packet."""
     arrival = source.receive(WAIT_S)
     return None if arrival is None else arrival.data

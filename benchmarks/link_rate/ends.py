@@ -9,8 +9,8 @@ from pathlib import Path
 
 from protocol.call_file import CallReader
 from protocol.limits import SEQUENCE_MODULUS
+from protocol.link.carriers import open_link_sink, open_link_source
 from protocol.link.interface import LinkOptions
-from protocol.link.zenoh_link import ZenohSink, ZenohSource
 from protocol.model_packet import ModelPacket
 from protocol.packets import ControlKind, ControlPacket, FramePacket, parse_packet, serialise
 from protocol.security.link_security import LinkSecurity
@@ -42,7 +42,7 @@ def play(options: LinkOptions, path: Path, seconds: float) -> None:
     (model, *_) = [packet for packet in packets if isinstance(packet, ModelPacket)]
     frames = cycle([packet for packet in packets if isinstance(packet, FramePacket)])
     interval_s = model.call.frames_per_packet / model.call.fps
-    with ZenohSink(options) as sink:
+    with open_link_sink(options) as sink:
         sink.wait_for_peer(WAIT_S)
         sink.send(serialise(model))
         begun_s, sent = time.monotonic(), 0
@@ -57,7 +57,7 @@ def play(options: LinkOptions, path: Path, seconds: float) -> None:
 
 def take(options: LinkOptions) -> None:
     """Receive until the end of the call."""
-    with ZenohSource(options) as source:
+    with open_link_source(options) as source:
         while source.receive(WAIT_S) is not None:
             pass
 

@@ -16,8 +16,8 @@ from pathlib import Path
 from benchmarks.simulated_link import sent_packets
 from protocol.discovery import CallAnnouncer, FoundCall
 from protocol.endpoint import OwnAddress, parse_endpoint
+from protocol.link.carriers import open_link_sink, open_link_source
 from protocol.link.interface import LinkOptions
-from protocol.link.zenoh_link import ZenohSink, ZenohSource
 from protocol.packets import PacketKind, packet_kind
 from protocol.security.link_security import LinkSecurity
 
@@ -50,7 +50,7 @@ def send(options: LinkOptions, log: Path, call: Path) -> None:
     packets = sent_packets(call)
     with log.open("w", encoding="utf-8") as lines:
         _write(lines.write, t=time.monotonic(), what="started")
-        with ZenohSink(options, print) as sink:
+        with open_link_sink(options, print) as sink:
             sink.wait_for_peer(WAIT_S)
             begun = time.monotonic()
             quality = sink.quality
@@ -78,7 +78,7 @@ def receive(options: LinkOptions, log: Path) -> None:
     """Receive a call, and log a line for each packet."""
     with log.open("w", encoding="utf-8") as lines:
         _write(lines.write, t=time.monotonic(), what="started")
-        with ZenohSource(options, print) as source:
+        with open_link_source(options, print) as source:
             while (arrival := source.receive()) is not None:
                 _write(
                     lines.write,

@@ -9,9 +9,9 @@ import zenoh
 from benchmarks.relay_load.ends import PACKETS_PER_S
 from protocol.call_file import CallReader
 from protocol.limits import SEQUENCE_MODULUS
+from protocol.link.carriers import open_link_sink
 from protocol.link.interface import LinkOptions
 from protocol.link.presence import call_keys, page_key
-from protocol.link.zenoh_link import ZenohSink
 from protocol.link.zenoh_session import zenoh_config
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, parse_packet, serialise
@@ -38,7 +38,7 @@ class Sending:
         options = LinkOptions(
             call, connect=(place,), connect_timeout_s=WAIT_S, security=LinkSecurity(None)
         )
-        self._sink = ZenohSink(options)
+        self._sink = open_link_sink(options)
         self._listening = zenoh.open(zenoh_config({"mode": "client", "connect/endpoints": [place]}))
         _, heard_key = call_keys(call, is_encoder=True)
         self._listening.declare_subscriber(page_key(heard_key, "**"), self._count)

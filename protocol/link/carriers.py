@@ -3,7 +3,7 @@
 from functools import partial
 
 from protocol.endpoint import parse_endpoint
-from protocol.link.interface import LinkOptions, MessageCallback
+from protocol.link.interface import LinkOptions, MessageCallback, ignore_message
 from protocol.link.link_end import CarrierFactory
 from protocol.link.link_protection import link_protection
 from protocol.link.link_sink import LinkSink
@@ -30,13 +30,13 @@ def carrier_factory(options: LinkOptions, role: Role, say: MessageCallback) -> C
     return partial(SerialCarrier, places[0], bool(options.listen))
 
 
-def open_link_sink(options: LinkOptions, say: MessageCallback) -> LinkSink:
+def open_link_sink(options: LinkOptions, say: MessageCallback = ignore_message) -> LinkSink:
     """The encoder's end of a call.  Raises `UserError`, see `LinkSink`."""
     make = carrier_factory(options, Role.ENCODER, say)
     return LinkSink(options, link_protection(options, True, say), make, say)
 
 
-def open_link_source(options: LinkOptions, say: MessageCallback) -> LinkSource:
+def open_link_source(options: LinkOptions, say: MessageCallback = ignore_message) -> LinkSource:
     """A decoder's end of a call.  Raises `UserError`, see `LinkSource`."""
     make = carrier_factory(options, Role.DECODER, say)
     return LinkSource(options, link_protection(options, False, say), make, say)

@@ -25,7 +25,7 @@ class LinkSource(LinkEnd, PacketSource):
     """The decoder's end of a call: a `PacketSource`.
 
     Returns the model before any frame, whenever it joins.  Ends with the END packet; without one
-    once the encoder has said that it leaves and nothing has come for `leave_grace_s`, or has been
+    once the encoder has said that it leaves and nothing has come for `LEAVE_GRACE_S`, or has been
     silent for two minutes.  An encoder that is started again goes on with the call.
     say: called with a line when it waits for an encoder, and for one that has become silent.
     Raises `UserError` with exit code 4 if the link cannot be made.
@@ -37,10 +37,9 @@ class LinkSource(LinkEnd, PacketSource):
         protection: PacketProtection,
         make_carrier: CarrierFactory,
         say: MessageCallback,
-        leave_grace_s: float = LEAVE_GRACE_S,
     ) -> None:
         self._complete = self._ended = False
-        self._encoder = EncoderMonitor(say, leave_grace_s)
+        self._encoder = EncoderMonitor(say, LEAVE_GRACE_S)
         self._delivery = DeliveryReceiver(protection.session, protection.on_peer)
         self._queue = ArrivalQueue(self._delivery)
         service = link_service(options, self._delivery, protection, self._queue.put)

@@ -10,7 +10,6 @@ or both connect to a router; `protocol.discovery` tells where an end listens tha
 
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from time import monotonic
 from typing import Any
 
@@ -32,13 +31,8 @@ from protocol.link.endpoints import (
 from protocol.link.interface import (
     LinkOptions,
     MessageCallback,
-    PacketProtection,
-    ignore_message,
 )
-from protocol.link.link_protection import link_protection
 from protocol.link.link_service import LinkService
-from protocol.link.link_sink import LinkSink
-from protocol.link.link_source import LEAVE_GRACE_S, LinkSource
 from protocol.link.messages import Role
 from protocol.link.presence import (
     WHO_KEY,
@@ -69,34 +63,6 @@ from shared_model.errors import LINK_FAILED, UserError
 REFUSAL_S = 0.8 * OPEN_S
 # Time that an end waits for sessions that are being opened or closed when it leaves.
 CLOSING_S = 1.0
-
-
-class ZenohSink(LinkSink):
-    """See `LinkSink`.  protection: None: as the options say."""
-
-    def __init__(
-        self,
-        options: LinkOptions,
-        say: MessageCallback = ignore_message,
-        protection: PacketProtection | None = None,
-    ) -> None:
-        guard = protection or link_protection(options, True, say)
-        super().__init__(options, guard, partial(ZenohCarrier, options, Role.ENCODER, say), say)
-
-
-class ZenohSource(LinkSource):
-    """See `LinkSource`.  protection: None: what the options say."""
-
-    def __init__(
-        self,
-        options: LinkOptions,
-        say: MessageCallback = ignore_message,
-        protection: PacketProtection | None = None,
-        leave_grace_s: float = LEAVE_GRACE_S,
-    ) -> None:
-        guard = protection or link_protection(options, False, say)
-        make_carrier = partial(ZenohCarrier, options, Role.DECODER, say)
-        super().__init__(options, guard, make_carrier, say, leave_grace_s)
 
 
 class ZenohCarrier:

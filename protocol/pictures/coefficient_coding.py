@@ -6,7 +6,6 @@ A decoder runs the same code; it ignores the values it is given and returns thos
 import numpy as np
 
 from protocol.entropy.adaptive_models import AdaptiveIntegers
-from protocol.entropy.integer_codes import code_exp_golomb
 from protocol.entropy.range_coder import BitCoder
 from shared_model.arrays import Integers
 
@@ -34,28 +33,3 @@ def code_lowpass_band(
             residual = integers.code(coder, context, int(band[i, j] - predicted))
             known[i + 1, j + 1] = predicted + residual
     return known[1:, 1:]
-
-
-def code_bit_array(coder: BitCoder, bits: Integers, zeros: Integers) -> Integers:
-    """Code bits (n,), each 0 with probability zeros (n,) / 65536.  Returns the bits coded."""
-    pairs = zip(bits.tolist(), zeros.tolist(), strict=True)
-    return np.array([coder.code_bit(bit, zero) for bit, zero in pairs], np.int64)
-
-
-def code_magnitudes(coder: BitCoder, magnitudes: Integers, zeros: Integers) -> Integers:
-    """Code magnitudes (n,) of coefficients.
-
-    zeros: (n, outputs) probabilities of `ProbabilityModels.sizes`, in 1/65536.
-    Returns the magnitudes coded.  Raises `ValueError` if one exceeds `MAX_MAGNITUDE`.
-    """
-    pairs = zip(magnitudes.tolist(), zeros.tolist(), strict=True)
-    return np.array(
-        [_code_magnitude(coder, magnitude, zero) for magnitude, zero in pairs], np.int64
-    )
-
-
-def _code_magnitude(coder: BitCoder, magnitude: int, zeros: list[int]) -> int:
-    for reached in range(UNARY_LIMIT):
-        if not coder.code_bit(int(magnitude > reached), zeros[STEP_OUTPUTS[reached]]):
-            return reached
-    return UNARY_LIMIT + code_exp_golomb(coder, magnitude - UNARY_LIMIT, LONGEST)

@@ -9,14 +9,13 @@ Magnitudes are summed over positions and enter the networks as logarithms.  The 
 coded after its magnitudes; their context is the signed values around.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from enum import IntEnum
 from functools import lru_cache
 
 import numpy as np
 
-from shared_model.arrays import Array, Integers, Mask
+from shared_model.arrays import Integers
 
 TILE = 4
 # Bands of up to so many coefficients have no tile flags.
@@ -74,92 +73,6 @@ MAGNITUDE_FEATURES, SIGN_FEATURES = len(_MAGNITUDE_SUMS), len(_SIGN_SUMS)
 LOG_TABLE = np.rint(16 * np.log2(1 + np.arange(1024)))
 
 
-def log_feature(magnitude: int) -> float:
-    """A magnitude as the networks take it."""
-    return float(LOG_TABLE[min(magnitude, len(LOG_TABLE) - 1)])
-
-
-@dataclass(frozen=True, slots=True)
-class CodingPass:
-    """Positions of a grid that are coded together.
-
-    number: index into `PASS_OFFSETS`.
-    grid: (h, w).
-    rows, columns: (n,) of the positions.
-    """
-
-    number: int
-    grid: tuple[int, int]
-    rows: Integers
-    columns: Integers
-
-    @property
-    def position_cells(self) -> tuple[Integers, Integers]:
-        """Cells 0..POSITION_CELLS - 1 of the positions: (n,) by rows, (n,) by columns."""
-        height, width = self.grid
-        return self.rows * POSITION_CELLS // height, self.columns * POSITION_CELLS // width
-
-    def subset(self, chosen: Mask) -> "CodingPass":
-        """The pass with the positions chosen (n,) alone."""
-        return CodingPass(self.number, self.grid, self.rows[chosen], self.columns[chosen])
-
-
-class CoefficientContext:
-    """The values of a grid (h, w) that are known so far, and what predicts them.
-
-    bands: (len(ContextBand), h, w).
-    active: (h, w) the positions that are coded.
-    tile_flags: (h, w) number of flagged tiles among the nine around a position; zeros while the
-        flags themselves are coded.
-    Attributes magnitudes, values: the grids of the features of magnitudes and of signs.
-    """
-
-    def __init__(self, bands: Integers, active: Mask, tile_flags: Integers) -> None:
-        self._active = active
-        height, width = self._shape = active.shape
-        self._across = width + 2 * PAD
-        inside = slice(PAD, PAD + height), slice(PAD, PAD + width)
-        padded = height + 2 * PAD, self._across
-        magnitudes = np.zeros((len(ContextBand) + 2, *padded), np.int64)
-        magnitudes[(slice(1, -1), *inside)] = np.abs(bands)
-        magnitudes[(-1, *inside)] = tile_flags
-        values = np.zeros((1 + len(ContextBand) - FIRST_SIGNED, *padded), np.int64)
-        values[(slice(1, None), *inside)] = bands[FIRST_SIGNED:]
-        magnitude_offsets, sign_offsets = context_offsets(height, width)
-        self.magnitudes = ContextTerms(magnitudes.ravel(), magnitude_offsets)
-        self.values = ContextTerms(values.ravel(), sign_offsets)
-
-    def passes(self) -> Iterator[CodingPass]:
-        """Each pass that has active positions; call `set_known` before the next."""
-        for number, (down, right) in enumerate(PASS_OFFSETS):
-            rows, columns = np.nonzero(self._active[down::2, right::2])
-            if len(rows):
-                yield CodingPass(number, self._active.shape, 2 * rows + down, 2 * columns + right)
-
-    def set_known(self, coding_pass: CodingPass, values: Integers) -> None:
-        """Enter the values (n,) of a pass."""
-        indices = (coding_pass.rows + PAD) * self._across + coding_pass.columns + PAD
-        self.values.grids[indices] = values
-        self.magnitudes.grids[indices] = np.abs(values)
-
-    def magnitude_features(self, coding_pass: CodingPass) -> Array:
-        """(n, MAGNITUDE_FEATURES) features of a pass's magnitudes, integers."""
-        terms = self.magnitudes.gather(self.indices(coding_pass))
-        sums = np.add.reduceat(terms, self.magnitudes.sums.starts, axis=1)
-        return np.asarray(LOG_TABLE.take(sums, mode="clip"))
-
-    def sign_features(self, coding_pass: CodingPass) -> Array:
-        """(n, SIGN_FEATURES) features of a pass's signs, integers."""
-        values = self.values.gather(self.indices(coding_pass))
-        return np.asarray(np.sign(values) * LOG_TABLE.take(np.abs(values), mode="clip"))
-
-    def indices(self, coding_pass: CodingPass) -> Integers:
-        """(n, 2) index of each position in the padded grid, and of its mirror image."""
-        row = (coding_pass.rows + PAD) * self._across + PAD
-        mirrored = self._shape[1] - 1 - coding_pass.columns
-        return np.array([row + coding_pass.columns, row + mirrored]).T
-
-
 class ContextOffsets:
     """Where the terms of a table of sums lie, in padded grids of `count` positions each.
 
@@ -173,18 +86,6 @@ class ContextOffsets:
         self.offsets = np.array([offset for each in offsets for offset in each])
         self.mirrored = np.array([int(mirrored) for _, mirrored, steps in sums for _ in steps])
         self.starts = np.cumsum([0, *map(len, offsets[:-1])])
-
-
-@dataclass(frozen=True, slots=True)
-class ContextTerms:
-    """Padded grids, all in one flat array, and the sums that are taken of them."""
-
-    grids: Integers
-    sums: ContextOffsets
-
-    def gather(self, indices: Integers) -> Integers:
-        """(n, terms) the terms of the sums at positions, see `CoefficientContext.indices`."""
-        return np.asarray(self.grids.take(indices.take(self.sums.mirrored, 1) + self.sums.offsets))
 
 
 @lru_cache(maxsize=256)
@@ -224,18 +125,3 @@ def box_sum(values: Integers) -> Integers:
     padded[1:-1, 1:-1] = values
     rows = padded[:-2] + padded[1:-1] + padded[2:]
     return np.asarray(rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:])
-
-
-def tile_sums(values: Integers) -> Integers:
-    """(..., ceil(h / TILE), ceil(w / TILE)) sums over tiles of values (..., h, w)."""
-    *others, height, width = values.shape
-    # Faster than `reduceat`.
-    rows = np.zeros((*others, -(-height // TILE), width), np.int64)
-    for first in range(TILE):
-        part = values[..., first::TILE, :]
-        rows[..., : part.shape[-2], :] += part
-    sums = np.zeros((*rows.shape[:-1], -(-width // TILE)), np.int64)
-    for first in range(TILE):
-        part = rows[..., first::TILE]
-        sums[..., : part.shape[-1]] += part
-    return sums

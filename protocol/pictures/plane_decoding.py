@@ -41,7 +41,7 @@ class _PlaneDecoder:
         return self.bands.band(position, context_bands)
 
 
-def compiled_bands(sequence: PictureSequence, coder: RangeDecoder) -> BandDecoder:
+def compiled_bands(coder: RangeDecoder) -> BandDecoder:
     """The decoder of a picture's bands whose loops are compiled."""
     # Imported where used: Numba takes more than a second.
     from protocol.pictures.band_decoding import CompiledBandDecoder
@@ -54,7 +54,7 @@ def decode_planes(
     name: str,
     data: bytes,
     shapes: Sequence[Shape],
-    make_decoder: Callable[[PictureSequence, RangeDecoder], BandDecoder] = compiled_bands,
+    make_decoder: Callable[[RangeDecoder], BandDecoder] = compiled_bands,
 ) -> list[SubbandPyramid]:
     """Decode planes of `shapes`, the next picture of `sequence`, and advance the sequence.
 
@@ -63,7 +63,7 @@ def decode_planes(
     """
     sequence.check_shapes(shapes)
     coder = RangeDecoder(data)
-    bands = make_decoder(sequence, coder)
+    bands = make_decoder(coder)
     try:
         pyramids = sequence.code([_PlaneDecoder(coder, bands, shape) for shape in shapes])
     except ValueError as error:

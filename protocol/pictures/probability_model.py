@@ -16,12 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from protocol.entropy.range_coder import PROBABILITY_ONE
-from protocol.pictures.coefficient_context import (
-    PASS_OFFSETS,
-    POSITION_CELLS,
-    CodingPass,
-    log_feature,
-)
+from protocol.pictures.coefficient_context import PASS_OFFSETS, POSITION_CELLS
 from protocol.pictures.wavelet import LEVELS
 from shared_model.arrays import Array, Integers
 
@@ -69,15 +64,6 @@ class BandPosition:
         """The band of this level and orientation among those of a plane."""
         return details[self.level - 1][self.orientation] if self.level else lowpass
 
-    def class_rows(self, coding_pass: CodingPass) -> list[int]:
-        """Rows of the class weights that all positions of a pass share."""
-        own = (self.kind, self.plane, self.level, self.orientation, coding_pass.number)
-        return [start + index for start, index in zip(CLASS_STARTS[: len(own)], own, strict=True)]
-
-    def pass_features(self, coding_pass: CodingPass) -> list[float]:
-        """Features that all positions of a pass share."""
-        return [log_feature(self.pictures), log_feature(coding_pass.grid[0])]
-
 
 class Mlp:
     """A multilayer perceptron: probabilities of zeros from the features of positions.
@@ -93,31 +79,6 @@ class Mlp:
         self.row_weights = classes[CLASS_STARTS[-2] : CLASS_STARTS[-1]]
         self.column_weights = classes[CLASS_STARTS[-1] :]
         self.output_weights, self.output_bias = last[:-1], last[-1]
-
-    def pass_activation(self, position: BandPosition, coding_pass: CodingPass) -> Array:
-        """(h,) the part of the hidden sums that all positions of a pass share."""
-        own = self.class_weights[position.class_rows(coding_pass)].sum(0)
-        shared = np.array(position.pass_features(coding_pass)) @ self.pass_weights
-        return np.asarray(own + shared)
-
-    def zero_probabilities(
-        self, features: Array, position: BandPosition, coding_pass: CodingPass
-    ) -> Integers:
-        """(n, outputs) probabilities of a zero, in 1/65536, from the features (n, f) of a pass."""
-        rows, columns = coding_pass.position_cells
-        hidden = features @ self.feature_weights
-        hidden += self.pass_activation(position, coding_pass)
-        hidden += self.row_weights.take(rows, 0)
-        hidden += self.column_weights.take(columns, 0)
-        hidden *= 2.0 ** (HIDDEN_BITS - WEIGHT_BITS)
-        np.floor(hidden, out=hidden)
-        np.clip(hidden, 0, MAX_HIDDEN, out=hidden)
-        logits = hidden @ self.output_weights
-        logits += self.output_bias
-        logits *= 2.0**-WEIGHT_BITS
-        np.floor(logits, out=logits)
-        zeros = SIGMOID.take(logits.astype(np.int64) + MAX_LOGIT, mode="clip")
-        return np.asarray(zeros, np.int64)
 
 
 def _sigmoid_table() -> Integers:

@@ -13,14 +13,12 @@ import numpy as np
 
 from protocol.entropy.adaptive_models import AdaptiveIntegers
 from protocol.pictures.coefficient_context import (
-    CodingPass,
-    CoefficientContext,
     ContextBand,
     box_sum,
     crop_or_pad,
     upsample,
 )
-from protocol.pictures.probability_model import LOWPASS, MODE, BandPosition, probability_models
+from protocol.pictures.probability_model import LOWPASS, MODE, BandPosition
 from protocol.pictures.subband_pyramid import (
     Shape,
     SubbandPyramid,
@@ -156,24 +154,3 @@ class PictureSequence:
         if position.plane > 1:
             bands[ContextBand.FIRST_CHROMA] = previous_planes[1].band(position)
         return bands
-
-    def predict_tiles(
-        self, context: CoefficientContext, position: BandPosition, coding_pass: CodingPass
-    ) -> Integers:
-        """(n,) probabilities that the tiles of a pass have no flag, in 1/65536."""
-        features, mlp = context.magnitude_features(coding_pass), probability_models().tiles
-        return mlp.zero_probabilities(features, position, coding_pass)[:, 0]
-
-    def predict_magnitudes(
-        self, context: CoefficientContext, position: BandPosition, coding_pass: CodingPass
-    ) -> Integers:
-        """(n, outputs) probabilities of the unary decisions, see `ProbabilityModels`."""
-        features, mlp = context.magnitude_features(coding_pass), probability_models().sizes
-        return mlp.zero_probabilities(features, position, coding_pass)
-
-    def predict_signs(
-        self, context: CoefficientContext, position: BandPosition, coding_pass: CodingPass
-    ) -> Integers:
-        """(n,) probabilities that the coefficients of a pass are positive, in 1/65536."""
-        features, mlp = context.sign_features(coding_pass), probability_models().signs
-        return mlp.zero_probabilities(features, position, coding_pass)[:, 0]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from shared_model.anatomy import muscle_table as m
 from shared_model.anatomy.jaw_and_eyelids import eyelid_field, gaze_field, jaw_field
 from shared_model.anatomy.mouth import MouthLine, lower_lip, mouth_line, upper_lip
-from shared_model.anatomy.muscles import Muscle, Points, falloff, is_paired
+from shared_model.anatomy.muscles import Muscle, Points, falloff
 from shared_model.arrays import Array
 from shared_model.mesh import PARTS
 from shared_model.parameters import EAU_INDEX, EAUS
@@ -37,7 +37,7 @@ class Anatomy:
     def _both_sides(self, muscle: Muscle) -> Array:
         """(n, 3) mm of a muscle on both sides, see `overlapped`."""
         left = muscle.displacement(self.vertices, self.points, "l")
-        if is_paired(muscle, self.points):
+        if muscle not in m.UNPAIRED:
             right = muscle.displacement(self.vertices, self.points, "r")
             left = overlapped(left, right)
         return np.asarray(left * self.reach(muscle)[:, None])

@@ -6,13 +6,11 @@ They are no actuators of a call: an EAU is sent, and moves several muscles on bo
 import numpy as np
 
 from shared_model.anatomy.expressions import anatomy_of, overlapped
-from shared_model.anatomy.muscle_table import MUSCLES, ORBICULARIS_ORIS, PROCERUS
+from shared_model.anatomy.muscle_table import MUSCLES, UNPAIRED
 from shared_model.anatomy.muscles import Muscle
 from shared_model.arrays import Array
 from shared_model.mesh import Head
 
-# On the midline there is one muscle, not a pair.
-UNPAIRED: tuple[Muscle, ...] = (ORBICULARIS_ORIS, PROCERUS)
 # Sides are the subject's.
 SIDES = ("left", "right")
 

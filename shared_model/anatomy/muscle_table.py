@@ -142,3 +142,5 @@ MUSCLES: tuple[Muscle, ...] = (
     LEVATOR_LABII,
     DEPRESSOR_LABII,
 )
+# On the midline there is one muscle, not a pair.
+UNPAIRED: tuple[Muscle, ...] = (ORBICULARIS_ORIS, PROCERUS)

@@ -134,12 +134,6 @@ def anchor_position(anchor: Anchor, points: Points, side: str) -> Array:
     raise ValueError(f"landmarks lack {anchor.landmark!r}, which a muscle is anchored at")
 
 
-def is_paired(muscle: Muscle, points: Points) -> bool:
-    """Whether a muscle exists on both sides; one centred on the midline does not."""
-    anchor = muscle.attachment if isinstance(muscle, LinearMuscle) else muscle.centre
-    return anchor.landmark not in points or anchor.offset_mm[0] != 0
-
-
 def falloff(x: Array, start: float, end: float) -> Array:
     """1 up to `start`, 0 from `end` on, a smooth half cosine between them."""
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip((x - start) / (end - start), 0, 1)))

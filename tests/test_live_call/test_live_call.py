@@ -31,8 +31,8 @@ from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
 from loopback.process_pair import free_port
 from protocol.errors import ProtocolError
+from protocol.link.carriers import open_link_sink
 from protocol.link.interface import LinkOptions, Reachability
-from protocol.link.zenoh_link import ZenohSink
 from protocol.security.invitation import Invitation, random_key
 from protocol.security.link_security import LinkSecurity
 from protocol.summary import summarise
@@ -138,12 +138,12 @@ def knock(invitation: Invitation, first: "subprocess.Popen[str]") -> list[str]:
     place = LinkOptions(
         f"{invitation.call}-b", connect=(invitation.address,), connect_timeout_s=LIMIT_S
     )
-    with ZenohSink(replace(place, security=LinkSecurity(random_key()))):
+    with open_link_sink(replace(place, security=LinkSecurity(random_key()))):
         said = [first_line(first)]
         while "knocks" not in said[-1]:
             assert said[-1], said
             said.append(first_line(first))
-    with ZenohSink(replace(place, security=LinkSecurity(invitation.key))) as third:
+    with open_link_sink(replace(place, security=LinkSecurity(invitation.key))) as third:
         wait_until(lambda: third.reachability is Reachability.BUSY, first)
     return said
 

@@ -15,8 +15,8 @@ from processes import LIMIT_S
 import risorius
 from loopback.process_pair import free_port
 from protocol.call_file import CallReader
+from protocol.link.carriers import open_link_sink
 from protocol.link.interface import LinkOptions
-from protocol.link.zenoh_link import ZenohSink
 from protocol.security.invitation import Invitation
 from protocol.security.link_security import LinkSecurity
 from shared_model.errors import UserError
@@ -87,7 +87,7 @@ def test_a_call_over_a_network_is_opened_with_its_invitation(call: Path) -> None
             for packet in packets:
                 sink.send(packet)
 
-    with ZenohSink(options) as sink, ThreadPoolExecutor(1) as background:
+    with open_link_sink(options) as sink, ThreadPoolExecutor(1) as background:
         sending = background.submit(send)
         with risorius.open_call(invite=str(invitation)) as opened:
             assert len(list(opened)) == 30 and opened.complete

@@ -16,8 +16,8 @@ pytest.importorskip("aiohttp")
 from benchmarks.browser import Browser
 from benchmarks.played_letter import SOFTWARE_GL
 from protocol.call_file import CallReader
+from protocol.link.carriers import open_link_sink
 from protocol.link.interface import LinkOptions
-from protocol.link.zenoh_link import ZenohSink
 from protocol.packets import PacketKind, packet_kind
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from protocol.security.invitation import format_key, random_key
@@ -79,7 +79,7 @@ def test_a_page_watches_a_call(
 
 def _send_watched(link: LinkOptions, call: Path, browser: Browser) -> None:
     """Send a call as fast as the page takes it."""
-    with CallReader(call) as packets, ZenohSink(link) as sink:
+    with CallReader(call) as packets, open_link_sink(link) as sink:
         sink.wait_for_peer(LIMIT_S)
         session = f"watch.delivery.call && watch.receiver.session === {browser.value(SESSIONS)} - 1"
         for packet in packets:
@@ -99,7 +99,7 @@ def test_who_has_another_key_sees_nothing(
     place = f"http://127.0.0.1:{server.port}/anna#{format_key(random_key())}"
     with (
         Browser(chromium, tmp_path / "b", 800, 700, *SOFTWARE_GL) as browser,
-        ZenohSink(replace(link, connect_timeout_s=LIMIT_S)) as sink,
+        open_link_sink(replace(link, connect_timeout_s=LIMIT_S)) as sink,
     ):
         browser.call("Page.navigate", url=place)
         # It has asked several times.

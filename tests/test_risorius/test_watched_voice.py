@@ -17,8 +17,8 @@ from decoder.sinks.frame_sink import open_sink
 from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import open_source
 from protocol.call_file import CallReader
+from protocol.link.carriers import open_link_sink
 from protocol.link.interface import LinkOptions
-from protocol.link.zenoh_link import ZenohSink
 from protocol.packets import PacketKind, packet_kind
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from protocol.security.link_security import LinkSecurity
@@ -85,7 +85,7 @@ def test_a_voice_is_heard_or_it_is_said_why_not(
     ):
         browser.call("Page.navigate", url=f"http://127.0.0.1:{server.port}/anna")
         packets = list(CallReader(call))
-        with ZenohSink(link) as sink:
+        with open_link_sink(link) as sink:
             sink.wait_for_peer(LIMIT_S)
             for packet in [each for each in packets if packet_kind(each) is PacketKind.MODEL]:
                 sink.send(packet)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from shared_model.anatomy.anthropometry import MEASUREMENTS, Measurement, aau_fields, measure
+from assets.head_asset.aau_fields import aau_fields
+from shared_model.anatomy.anthropometry import MEASUREMENTS, Measurement, measure
 from shared_model.arrays import Array
 from shared_model.mesh import PARTS, generic_head
 from shared_model.parameters import AAUS

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from shared_model.anatomy.anthropometry import aau_fields
+from assets.head_asset.aau_fields import aau_fields
 from shared_model.anatomy.expressions import eau_fields
 from shared_model.arrays import Array, Integers, Mask, VertexIndices
 from shared_model.mesh import PARTS, Head, generic_head

@@ -3,15 +3,11 @@
 import numpy as np
 import pytest
 
+from assets.array_band_decoder import code_bit_array, code_magnitudes
 from encoder.picture_coding.subband_rdoq import QuantisedBand
 from encoder.picture_coding.symbol_writing import band_decisions, range_coded
 from protocol.entropy.range_coder import PROBABILITY_ONE, RangeEncoder
-from protocol.pictures.coefficient_coding import (
-    MAX_MAGNITUDE,
-    UNARY_LIMIT,
-    code_bit_array,
-    code_magnitudes,
-)
+from protocol.pictures.coefficient_coding import MAX_MAGNITUDE, UNARY_LIMIT
 from shared_model.arrays import Integers
 
 OUTPUTS, PASSES, PER_PASS = 6, 3, 40

@@ -13,10 +13,12 @@ from packets import MODEL
 from processes import until
 
 from loopback.process_pair import free_port
+from protocol.link.carriers import open_link_sink, open_link_source
 from protocol.link.interface import LinkOptions
 from protocol.link.link_protection import STRANGERS
+from protocol.link.link_sink import LinkSink
+from protocol.link.link_source import LinkSource
 from protocol.link.presence import call_keys
-from protocol.link.zenoh_link import ZenohSink, ZenohSource
 from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from protocol.security.link_security import LinkSecurity
@@ -49,7 +51,7 @@ def packets_of(word: str, count: int = 20) -> list[bytes]:
 
 
 def pass_on(
-    source: ZenohSource, sink: ZenohSink, packets: list[bytes], each: Callable[[], None]
+    source: LinkSource, sink: LinkSink, packets: list[bytes], each: Callable[[], None]
 ) -> list[bytes]:
     """What comes of packets that are sent; `each` is called after each one."""
     sink.wait_for_peer(WAIT_S)
@@ -80,15 +82,15 @@ def test_who_lacks_the_key_is_not_heard_and_that_is_said_once(
     key: bytes | None, stack: ExitStack, endpoint: str
 ) -> None:
     said = list[str]()
-    source = stack.enter_context(ZenohSource(options(KEY, listen=(endpoint,)), said.append))
-    with ZenohSink(options(key, connect=(endpoint,))) as intruder:
+    source = stack.enter_context(open_link_source(options(KEY, listen=(endpoint,)), said.append))
+    with open_link_sink(options(key, connect=(endpoint,))) as intruder:
         for packet in packets_of("forged"):
             intruder.send(packet)
         until(lambda: STRANGERS in said)
         with pytest.raises(UserError, match="no decoder came"):
             intruder.wait_for_peer(1.5)
     packets = packets_of("true")
-    with ZenohSink(options(KEY, connect=(endpoint,))) as sink:
+    with open_link_sink(options(KEY, connect=(endpoint,))) as sink:
         assert pass_on(source, sink, packets, lambda: None) == packets
     assert said.count(STRANGERS) == 1
 
@@ -98,8 +100,8 @@ def test_who_has_the_wrong_invitation_is_told(
 ) -> None:
     monkeypatch.setattr("protocol.link.link_end.UNREAD_S", 0)
     said = list[str]()
-    stack.enter_context(ZenohSource(options(KEY, listen=(endpoint,))))
-    sink = stack.enter_context(ZenohSink(options(OTHER_KEY, connect=(endpoint,)), said.append))
+    stack.enter_context(open_link_source(options(KEY, listen=(endpoint,))))
+    sink = stack.enter_context(open_link_sink(options(OTHER_KEY, connect=(endpoint,)), said.append))
 
     def give_up() -> UserError:
         with pytest.raises(UserError, match="no decoder came") as caught:
@@ -111,9 +113,9 @@ def test_who_has_the_wrong_invitation_is_told(
 
 
 def test_a_decoder_without_the_key_gets_nothing(stack: ExitStack, endpoint: str) -> None:
-    sink = stack.enter_context(ZenohSink(options(KEY, listen=(endpoint,))))
-    thief = stack.enter_context(ZenohSource(options(OTHER_KEY, connect=(endpoint,))))
-    with ZenohSource(options(KEY, connect=(endpoint,))) as source:
+    sink = stack.enter_context(open_link_sink(options(KEY, listen=(endpoint,))))
+    thief = stack.enter_context(open_link_source(options(OTHER_KEY, connect=(endpoint,))))
+    with open_link_source(options(KEY, connect=(endpoint,))) as source:
         packets = packets_of("secret")
         assert pass_on(source, sink, packets, lambda: None) == packets
     assert thief.receive(0.3) is None
@@ -144,8 +146,8 @@ def test_who_looks_into_a_relay_sees_no_packet_and_repeats_or_changes_them_in_va
     for word in ("first", "again"):
         packets = packets_of(word)
         with (
-            ZenohSource(options(KEY, connect=(endpoint,))) as source,
-            ZenohSink(options(KEY, connect=(endpoint,))) as sink,
+            open_link_source(options(KEY, connect=(endpoint,))) as source,
+            open_link_sink(options(KEY, connect=(endpoint,))) as sink,
         ):
             meddling = meddle if word == "again" else lambda: None
             assert pass_on(source, sink, packets, meddling) == packets
@@ -157,8 +159,8 @@ def test_who_looks_into_a_relay_sees_no_packet_and_repeats_or_changes_them_in_va
 
 def test_a_flood_of_garbage_harms_no_call(stack: ExitStack, endpoint: str) -> None:
     said = list[str]()
-    source = stack.enter_context(ZenohSource(options(KEY, listen=(endpoint,)), said.append))
-    sink = stack.enter_context(ZenohSink(options(KEY, connect=(endpoint,))))
+    source = stack.enter_context(open_link_source(options(KEY, listen=(endpoint,)), said.append))
+    sink = stack.enter_context(open_link_sink(options(KEY, connect=(endpoint,))))
     intruder = client(stack, endpoint)
     down, _ = call_keys(CALL, is_encoder=True)
     chance = random.Random(1)
@@ -176,8 +178,8 @@ def test_a_flood_of_garbage_harms_no_call(stack: ExitStack, endpoint: str) -> No
 def test_a_flood_of_datagrams_at_its_port_harms_no_call(stack: ExitStack) -> None:
     port = free_port()
     place = f"udp/127.0.0.1:{port}"
-    source = stack.enter_context(ZenohSource(options(KEY, listen=(place,))))
-    sink = stack.enter_context(ZenohSink(options(KEY, connect=(place,))))
+    source = stack.enter_context(open_link_source(options(KEY, listen=(place,))))
+    sink = stack.enter_context(open_link_sink(options(KEY, connect=(place,))))
     intruder = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
     chance = random.Random(1)
     packets = packets_of("true")

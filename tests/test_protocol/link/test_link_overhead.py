@@ -18,23 +18,23 @@ from links import (
     received,
 )
 
+from protocol.link.carriers import open_link_sink, open_link_source
 from protocol.link.interface import ZENOH_OVERHEAD_BYTES
 from protocol.link.link_protection import CHECKSUM_BYTES
-from protocol.link.zenoh_link import ZenohSink, ZenohSource
 
 
 @pytest.mark.parametrize("listens", [True, False], ids=["listening", "connecting"])
 def test_what_a_live_frame_costs_over_udp(stack: ExitStack, listens: bool) -> None:
     inner, outer = free_endpoint("udp"), free_endpoint("udp")
     if listens:
-        sink = stack.enter_context(ZenohSink(listening(inner, lossless=False)))
+        sink = stack.enter_context(open_link_sink(listening(inner, lossless=False)))
         relay = stack.enter_context(MeasuringRelay(port_of(outer), port_of(inner)))
-        source = stack.enter_context(ZenohSource(connecting(outer, lossless=False)))
+        source = stack.enter_context(open_link_source(connecting(outer, lossless=False)))
         sizes, key = relay.sizes_out, 0
     else:
-        source = stack.enter_context(ZenohSource(listening(inner, lossless=False)))
+        source = stack.enter_context(open_link_source(listening(inner, lossless=False)))
         relay = stack.enter_context(MeasuringRelay(port_of(outer), port_of(inner)))
-        sink = stack.enter_context(ZenohSink(connecting(outer, lossless=False)))
+        sink = stack.enter_context(open_link_sink(connecting(outer, lossless=False)))
         sizes, key = relay.sizes_in, 1 + len("d")
     sink.wait_for_peer(WAIT_S)
     sink.send(MODEL_BYTES)

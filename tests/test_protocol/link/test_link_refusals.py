@@ -9,9 +9,9 @@ import pytest
 from links import END, WAIT_S, connecting, free_endpoint, listening
 from processes import until
 
+from protocol.link.carriers import open_link_sink, open_link_source
 from protocol.link.connection import Connector
 from protocol.link.endpoints import Failure
-from protocol.link.zenoh_link import ZenohSink, ZenohSource
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from shared_model.errors import UserError
 
@@ -36,13 +36,13 @@ def test_a_port_in_use_is_said_in_one_line() -> None:
         holder.listen()
         endpoint = f"tcp/127.0.0.1:{holder.getsockname()[1]}"
         with pytest.raises(UserError, match="port is in use") as caught:
-            ZenohSource(listening(endpoint))
+            open_link_source(listening(endpoint))
     assert caught.value.exit_code == 4
 
 
 def test_an_address_of_someone_else_is_said_in_one_line() -> None:
     with pytest.raises(UserError, match=r"cannot listen on tcp/192\.0\.2\.1:7447: ") as caught:
-        ZenohSource(listening("tcp/192.0.2.1:7447"))
+        open_link_source(listening("tcp/192.0.2.1:7447"))
     assert caught.value.exit_code == 4
     assert ".rs" not in str(caught.value) and "\n" not in str(caught.value)
 
@@ -52,7 +52,7 @@ def test_an_address_of_someone_else_is_said_in_one_line() -> None:
 def test_nobody_listening_is_said_when_the_time_is_over(scheme: str) -> None:
     where = free_endpoint(scheme)
     with pytest.raises(UserError) as caught:
-        ZenohSink(replace(connecting(where), connect_timeout_s=0.2))
+        open_link_sink(replace(connecting(where), connect_timeout_s=0.2))
     assert str(caught.value) == f"cannot reach {where} within 0.2 s: nobody listens there"
     assert caught.value.exit_code == 4
 
@@ -71,13 +71,13 @@ def test_somebody_who_speaks_another_protocol_is_told_from_nobody() -> None:
         Thread(target=hang_up, daemon=True).start()
         where = f"tcp/127.0.0.1:{other.getsockname()[1]}"
         with pytest.raises(UserError, match="does not speak this protocol"):
-            ZenohSink(replace(connecting(where), connect_timeout_s=0.5))
+            open_link_sink(replace(connecting(where), connect_timeout_s=0.5))
         other.shutdown(socket.SHUT_RDWR)
 
 
 def test_a_name_that_is_not_known_is_said_at_once() -> None:
     with pytest.raises(UserError) as caught:
-        ZenohSource(connecting("nobody.invalid:7447"))
+        open_link_source(connecting("nobody.invalid:7447"))
     assert str(caught.value) == "cannot reach nobody.invalid:7447: its name is not known"
     assert caught.value.exit_code == 4
 
@@ -85,8 +85,8 @@ def test_a_name_that_is_not_known_is_said_at_once() -> None:
 @pytest.mark.parametrize("scheme", ["tcp", "udp"])
 def test_who_is_there_for_another_call_is_named(stack: ExitStack, scheme: str) -> None:
     where, said = free_endpoint(scheme), list[str]()
-    stack.enter_context(ZenohSource(replace(listening(where), call="other")))
-    sink = stack.enter_context(ZenohSink(connecting(where), said.append))
+    stack.enter_context(open_link_source(replace(listening(where), call="other")))
+    sink = stack.enter_context(open_link_sink(connecting(where), said.append))
 
     def give_up() -> UserError:
         with pytest.raises(UserError, match="no decoder came within 0 s") as caught:
@@ -101,13 +101,13 @@ def test_who_is_there_for_another_call_is_named(stack: ExitStack, scheme: str) -
 
 def test_nobody_there_yet_is_not_somebody_for_another_call(stack: ExitStack, endpoint: str) -> None:
     stack.enter_context(Relay(RelayOptions((endpoint,))))
-    sink = stack.enter_context(ZenohSink(connecting(endpoint)))
+    sink = stack.enter_context(open_link_sink(connecting(endpoint)))
     with pytest.raises(UserError, match=r"^no decoder came within 0\.8 s$"):
         sink.wait_for_peer(0.8)
 
 
 def test_sending_after_closing_is_a_failed_link(endpoint: str) -> None:
-    sink = ZenohSink(listening(endpoint))
+    sink = open_link_sink(listening(endpoint))
     sink.close()
     sink.close()
     with pytest.raises(UserError, match="link has failed") as caught:

@@ -19,8 +19,9 @@ from links import (
     received,
 )
 
+from protocol.link.carriers import open_link_sink, open_link_source
 from protocol.link.interface import Reachability
-from protocol.link.zenoh_link import ZenohSink, ZenohSource
+from protocol.link.link_sink import LinkSink
 from protocol.packets import ControlKind, ControlPacket, serialise
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from shared_model.errors import UserError
@@ -31,11 +32,12 @@ NEWS = serialise(ControlPacket(0, ControlKind.FACE_FOUND, 0))
 def test_an_encoder_that_is_killed_and_started_again_goes_on_with_the_call(
     stack: ExitStack, endpoint: str
 ) -> None:
-    source = stack.enter_context(ZenohSource(listening(endpoint), leave_grace_s=0.01))
+    source = stack.enter_context(open_link_source(listening(endpoint)))
     program = (
         "import sys; from protocol.link.interface import LinkOptions\n"
-        "from protocol.link.zenoh_link import ZenohSink\n"
-        "sink = ZenohSink(LinkOptions('test', connect=(sys.argv[1],), connect_timeout_s=600))\n"
+        "from protocol.link.carriers import open_link_sink\n"
+        "options = LinkOptions('test', connect=(sys.argv[1],), connect_timeout_s=600)\n"
+        "sink = open_link_sink(options)\n"
         "sink.wait_for_peer(600); sink.send(bytes.fromhex(sys.argv[2])); sys.stdin.read()"
     )
     command = [sys.executable, "-c", program, endpoint, MODEL_BYTES.hex()]
@@ -49,13 +51,16 @@ def test_an_encoder_that_is_killed_and_started_again_goes_on_with_the_call(
         assert source.receive(0.5) is None and not source.ended
 
 
-def test_an_encoder_that_comes_back_goes_on_with_the_call(stack: ExitStack, endpoint: str) -> None:
-    source = stack.enter_context(ZenohSource(listening(endpoint), leave_grace_s=WAIT_S))
-    with ZenohSink(connecting(endpoint)) as first:
+def test_an_encoder_that_comes_back_goes_on_with_the_call(
+    stack: ExitStack, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("protocol.link.link_source.LEAVE_GRACE_S", WAIT_S)
+    source = stack.enter_context(open_link_source(listening(endpoint)))
+    with open_link_sink(connecting(endpoint)) as first:
         first.wait_for_peer(WAIT_S)
         first.send(MODEL_BYTES)
         first.send(frame(0))
-    with ZenohSink(connecting(endpoint)) as second:
+    with open_link_sink(connecting(endpoint)) as second:
         second.wait_for_peer(WAIT_S)
         second.send(MODEL_BYTES)
         second.send(frame(0))
@@ -68,11 +73,11 @@ def test_an_encoder_that_comes_back_goes_on_with_the_call(stack: ExitStack, endp
 
 
 def test_the_encoder_sees_decoders_come_and_go(stack: ExitStack, endpoint: str) -> None:
-    sink = stack.enter_context(ZenohSink(listening(endpoint)))
+    sink = stack.enter_context(open_link_sink(listening(endpoint)))
     with pytest.raises(UserError, match="no decoder came") as caught:
         sink.wait_for_peer(0.01)
     assert caught.value.exit_code == 4 and sink.peers == 0
-    with ZenohSource(connecting(endpoint)):
+    with open_link_source(connecting(endpoint)):
         sink.wait_for_peer(WAIT_S)
         assert sink.peers == 1 and sink.quality.loss == 0
     gone = threading.Event()
@@ -82,17 +87,17 @@ def test_the_encoder_sees_decoders_come_and_go(stack: ExitStack, endpoint: str) 
 
 def test_the_encoder_says_when_nobody_listens_any_more(stack: ExitStack, endpoint: str) -> None:
     said: list[str] = []
-    sink = stack.enter_context(ZenohSink(listening(endpoint), said.append))
+    sink = stack.enter_context(open_link_sink(listening(endpoint), said.append))
     assert said.pop() == f"listening on {endpoint} for a decoder of call 'test'"
     sink.send(MODEL_BYTES)
     assert sink.reachability is Reachability.NO_PEER and said == []
-    with ZenohSource(connecting(endpoint)):
+    with open_link_source(connecting(endpoint)):
         sink.wait_for_peer(WAIT_S)
         send_until(sink, Reachability.HAS_PEER)
         assert said == []
     send_until(sink, Reachability.NO_PEER)
     assert said == ["nobody listens any more; sending on"]
-    source = stack.enter_context(ZenohSource(connecting(endpoint)))
+    source = stack.enter_context(open_link_source(connecting(endpoint)))
     assert received(source) == MODEL_BYTES
     send_until(sink, Reachability.HAS_PEER)
     assert said[1:] == ["somebody listens again"]
@@ -101,9 +106,9 @@ def test_the_encoder_says_when_nobody_listens_any_more(stack: ExitStack, endpoin
 def test_a_link_that_breaks_is_known_and_made_again(stack: ExitStack, endpoint: str) -> None:
     said: list[str] = []
     with Relay(RelayOptions((endpoint,))):
-        sink = stack.enter_context(ZenohSink(connecting(endpoint), said.append))
+        sink = stack.enter_context(open_link_sink(connecting(endpoint), said.append))
         assert said.pop() == f"connecting to {endpoint} for a decoder of call 'test'"
-        with ZenohSource(connecting(endpoint)):
+        with open_link_source(connecting(endpoint)):
             sink.wait_for_peer(WAIT_S)
             send_until(sink, Reachability.HAS_PEER)
         send_until(sink, Reachability.NO_PEER)
@@ -111,7 +116,7 @@ def test_a_link_that_breaks_is_known_and_made_again(stack: ExitStack, endpoint: 
     stack.enter_context(Relay(RelayOptions((endpoint,))))
     send_until(sink, Reachability.NO_PEER)
     said.clear()
-    source = stack.enter_context(ZenohSource(connecting(endpoint), said.append))
+    source = stack.enter_context(open_link_source(connecting(endpoint), said.append))
     assert said == [f"connecting to {endpoint} for an encoder of call 'test'"]
     send_until(sink, Reachability.HAS_PEER)
     sink.send(MODEL_BYTES)
@@ -119,7 +124,7 @@ def test_a_link_that_breaks_is_known_and_made_again(stack: ExitStack, endpoint: 
         assert packet == NEWS
 
 
-def send_until(sink: ZenohSink, reach: Reachability) -> None:
+def send_until(sink: LinkSink, reach: Reachability) -> None:
     """Send packets until one reaches so far."""
     pause, deadline = threading.Event(), monotonic() + WAIT_S
     sink.send(NEWS)
@@ -130,10 +135,10 @@ def send_until(sink: ZenohSink, reach: Reachability) -> None:
 
 
 def test_a_call_has_one_encoder(stack: ExitStack, endpoint: str) -> None:
-    stack.enter_context(ZenohSource(listening(endpoint)))
-    first = stack.enter_context(ZenohSink(connecting(endpoint)))
+    stack.enter_context(open_link_source(listening(endpoint)))
+    first = stack.enter_context(open_link_sink(connecting(endpoint)))
     first.wait_for_peer(WAIT_S)
-    second = stack.enter_context(ZenohSink(connecting(endpoint)))
+    second = stack.enter_context(open_link_sink(connecting(endpoint)))
     with pytest.raises(UserError, match="call 'test' has an encoder already") as caught:
         second.wait_for_peer(WAIT_S)
     assert caught.value.exit_code == 4 and second.peers == 0 and first.peers == 1
@@ -141,8 +146,8 @@ def test_a_call_has_one_encoder(stack: ExitStack, endpoint: str) -> None:
 
 def test_two_decoders_do_not_meet(stack: ExitStack, endpoint: str) -> None:
     said: list[str] = []
-    stack.enter_context(ZenohSource(listening(endpoint)))
-    second = stack.enter_context(ZenohSource(connecting(endpoint), said.append))
+    stack.enter_context(open_link_source(listening(endpoint)))
+    second = stack.enter_context(open_link_source(connecting(endpoint), said.append))
     deadline = monotonic() + WAIT_S
     while len(said) < 2:
         assert second.receive(0.05) is None and monotonic() < deadline

@@ -23,7 +23,7 @@ from pathlib import Path
 from protocol.discovery import CallAnnouncer, FoundCall
 from protocol.endpoint import OwnAddress, parse_endpoint
 from protocol.link.interface import LinkOptions
-from protocol.link.zenoh_link import ZenohSink, ZenohSource
+from protocol.link.carriers import open_link_sink, open_link_source
 from protocol.security.link_security import LinkSecurity
 known = socket.getaddrinfo
 def look_up(host, *place, **hints):
@@ -38,7 +38,7 @@ RECEIVE = (
 found, host = FoundCall("anna", "", 7447, False, True), parse_endpoint(where).host
 says = follows == "with a key"
 announcer = CallAnnouncer(found, None, OwnAddress(host)) if says else nullcontext()
-with announcer, ZenohSource(LinkOptions("anna", listen=(where,), security=security)) as source:
+with announcer, open_link_source(LinkOptions("anna", listen=(where,), security=security)) as source:
     while (arrival := source.receive()) is not None: print(arrival.number, flush=True)
 """
 )
@@ -49,7 +49,7 @@ import time
 sys.path.insert(0, {str(Path(__file__).resolve().parents[2])!r})
 from links import MODEL_BYTES, frame
 options = LinkOptions("anna", connect=(where,), connect_timeout_s=600, security=security)
-with ZenohSink(options) as sink:
+with open_link_sink(options) as sink:
     sink.wait_for_peer(600)
     sink.send(MODEL_BYTES)
     for number in range(10_000):

@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 from pyramids import bands, same
 
+from assets.array_context import CodingPass, CoefficientContext, log_feature, zero_probabilities
 from encoder.picture_coding.picture_rdoq import quantise_picture
 from protocol.entropy.range_coder import PROBABILITY_ONE
 from protocol.errors import ProtocolError
 from protocol.pictures.coefficient_coding import MAX_MAGNITUDE
 from protocol.pictures.coefficient_context import (
     MAGNITUDE_FEATURES,
-    CodingPass,
-    CoefficientContext,
     ContextBand,
-    log_feature,
 )
 from protocol.pictures.picture_codec import plane_shapes
 from protocol.pictures.plane_decoding import decode_planes
@@ -199,8 +197,11 @@ def test_probabilities_are_bounded_for_all_weights(sign: int) -> None:
     features, classes = np.full((MAGNITUDE_FEATURES + 2, 2), 2.0**15), np.ones((CLASS_COUNT, 2))
     network = Mlp(features, classes, np.full((3, 1), sign * 2.0**31))
     coding_pass = CodingPass(1, (16, 16), np.arange(4), np.arange(4))
-    zeros = network.zero_probabilities(
-        np.full((4, MAGNITUDE_FEATURES), 100.0), BandPosition(BACKGROUND, 0, 1, 0), coding_pass
+    zeros = zero_probabilities(
+        network,
+        np.full((4, MAGNITUDE_FEATURES), 100.0),
+        BandPosition(BACKGROUND, 0, 1, 0),
+        coding_pass,
     )
     assert (zeros == (MIN_PROBABILITY if sign < 0 else PROBABILITY_ONE - MIN_PROBABILITY)).all()
     assert probability_models() is probability_models()

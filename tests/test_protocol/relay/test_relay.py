@@ -14,10 +14,10 @@ from processes import until
 
 from loopback.process_pair import free_port
 from protocol.link import link_end
+from protocol.link.carriers import open_link_sink, open_link_source
 from protocol.link.interface import LinkOptions, Reachability
 from protocol.link.messages import Role
 from protocol.link.presence import call_keys, parse_presence, serialise_presence
-from protocol.link.zenoh_link import ZenohSink, ZenohSource
 from protocol.link.zenoh_session import zenoh_config
 from protocol.relay.zenoh_relay import Relay, RelayOptions, calls_at_relay
 from protocol.security.authority import (
@@ -179,14 +179,14 @@ def test_who_was_revoked_or_has_the_other_ends_certificate_is_told(
     keys: dict[str, KeyFile],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    invited = stack.enter_context(ZenohSink(options_of(endpoint, keys["anna"])))
+    invited = stack.enter_context(open_link_sink(options_of(endpoint, keys["anna"])))
     invited.send(MODEL_BYTES)
     until(lambda: invited.reachability is Reachability.NO_PEER, lambda: invited.send(MODEL_BYTES))
     with pytest.raises(UserError, match=r"^no decoder came within 0\.1 s$"):
         invited.wait_for_peer(0.1)
     said: dict[str, list[str]] = {name: [] for name in ("eve", "anna", "dora")}
     sources = [
-        stack.enter_context(ZenohSource(options_of(endpoint, keys[name]), lines.append))
+        stack.enter_context(open_link_source(options_of(endpoint, keys[name]), lines.append))
         for name, lines in said.items()
     ]
 
@@ -202,7 +202,7 @@ def test_who_was_revoked_or_has_the_other_ends_certificate_is_told(
         "the relay refuses this certificate: it was revoked, or is for another call or for the"
         " other end of this one"
     }
-    refused = stack.enter_context(ZenohSink(options_of(endpoint, keys["bob"])))
+    refused = stack.enter_context(open_link_sink(options_of(endpoint, keys["bob"])))
     with pytest.raises(UserError, match=r"no decoder came within 0\.1 s; the relay refuses"):
         refused.wait_for_peer(0.1)
 

@@ -6,11 +6,12 @@ from contextlib import ExitStack, contextmanager
 from links import MODEL_BYTES, free_endpoint
 from processes import until
 
+from protocol.link.carriers import open_link_sink
 from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.interface import LinkOptions
 from protocol.link.link_protection import PlainProtection
+from protocol.link.link_sink import LinkSink
 from protocol.link.messages import Hello, is_hello, parse_message
-from protocol.link.zenoh_link import ZenohSink
 from protocol.relay.zenoh_relay import Relay, RelayOptions, WatchedCall, calls_at_relay
 from protocol.security.link_security import LinkSecurity
 
@@ -20,7 +21,7 @@ SESSIONS = {"one": b"decoder1", "two": b"decoder2"}
 
 
 @contextmanager
-def watched() -> Iterator[tuple[WatchedCall, Heard, ZenohSink, str]]:
+def watched() -> Iterator[tuple[WatchedCall, Heard, LinkSink, str]]:
     """A call that is watched at a relay, and what comes there."""
     endpoint, heard = free_endpoint(), Heard()
     options = LinkOptions("anna", connect=(endpoint,), security=LinkSecurity(None))
@@ -28,7 +29,7 @@ def watched() -> Iterator[tuple[WatchedCall, Heard, ZenohSink, str]]:
         relay = stack.enter_context(Relay(RelayOptions((endpoint,))))
         call = relay.watch("anna", lambda payload, page: heard.append((payload, page)))
         stack.callback(call.close)
-        yield call, heard, stack.enter_context(ZenohSink(options)), endpoint
+        yield call, heard, stack.enter_context(open_link_sink(options)), endpoint
 
 
 def guard_of(page: str) -> PlainProtection:
