@@ -137,8 +137,3 @@ def test_a_live_call_in_layers_is_drawn(call: Path, tmp_path: Path) -> None:
 def test_a_call_that_ends_early_says_what_is_missing(clip: Path, tmp_path: Path) -> None:
     report = encoded(clip, tmp_path / "short.rzo", 3000, frames=20)
     assert any("no more of its model" in warning for warning in report.warnings)
-
-
-def test_the_same_source_gives_the_same_bytes(call: Path, clip: Path, tmp_path: Path) -> None:
-    encoded(clip, tmp_path / "again.rzo", STARTUP)
-    assert (tmp_path / "again.rzo").read_bytes() == call.read_bytes()

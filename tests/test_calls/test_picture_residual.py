@@ -40,9 +40,9 @@ def film(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def called(film: Path, call: Path, bitrate: float = BITRATE, with_residual: bool = True) -> None:
+def called(film: Path, call: Path, with_residual: bool = True) -> None:
     draw = draw_call if with_residual else None
-    options = EncodeOptions(str(film), call, bitrate=bitrate, model_bytes=9000, draw=draw)
+    options = EncodeOptions(str(film), call, bitrate=BITRATE, model_bytes=9000, draw=draw)
     encode(options, lambda *_: None, lambda: False)
 
 
@@ -96,9 +96,8 @@ def test_a_call_keeps_to_its_rate_and_says_where_the_bits_are(call: Path) -> Non
     assert isinstance(model, ModelPacket) and model.call.has_residual
 
 
-def test_at_the_usual_rate_there_is_none(film: Path, tmp_path: Path) -> None:
-    called(film, tmp_path / "usual.rzo", bitrate=800)
-    model = packets_of(tmp_path / "usual.rzo")[0]
+def test_at_the_usual_rate_there_is_none(demo_run: Path) -> None:
+    model = packets_of(demo_run / "out" / "demo" / "call.rzo")[0]
     assert isinstance(model, ModelPacket) and not model.call.has_residual
 
 
@@ -165,7 +164,14 @@ def test_where_nothing_can_be_drawn_the_call_is_one_without(film: Path, tmp_path
         raise UserError("no EGL here")
 
     path = tmp_path / "plain.rzo"
-    options = EncodeOptions(str(film), path, bitrate=5000, model_bytes=9000, draw=cannot)  # type: ignore[arg-type]
+    options = EncodeOptions(
+        str(film),
+        path,
+        bitrate=5000,
+        model_bytes=9000,
+        max_frames=12,
+        draw=cannot,  # type: ignore[arg-type]
+    )
     report = encode(options, lambda *_: None, lambda: False)
     assert any("no EGL here" in warning for warning in report.warnings)
     assert summarise(path).complete

@@ -85,9 +85,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
     return str(folder / "frame%03d.png")
 
 
-def encoded(
-    clip: str, output: Path, fps: float | None, live: bool, max_frames: int | None = None
-) -> EncodeReport:
+def encoded(clip: str, output: Path, fps: float, live: bool) -> EncodeReport:
     options = EncodeOptions(
         clip,
         output,
@@ -96,7 +94,6 @@ def encoded(
         fps=fps,
         live=live,
         model_bytes=MODEL_BYTES,
-        max_frames=max_frames,
     )
     with without_layers():
         return encode(options, lambda done, total: None, lambda: False)
@@ -136,12 +133,6 @@ def test_every_kth_frame_is_coded_and_every_frame_is_drawn(
     find_face_mask = face_mask_finder(pytest.fail)
     quality = measure_quality(clip, str(video), find_face_mask, lambda done, total: None)
     assert quality.face_psnr_db is not None and quality.face_psnr_db > (22 if live else 26)
-
-
-def test_a_target_rate_above_the_sources_codes_every_frame(clip: str, tmp_path: Path) -> None:
-    for name, fps in (("all", None), ("more", 60.0)):
-        encoded(clip, tmp_path / name, fps, live=False, max_frames=6)
-    assert (tmp_path / "all").read_bytes() == (tmp_path / "more").read_bytes()
 
 
 @pytest.mark.parametrize("live", [False, True])
