@@ -12,7 +12,7 @@ those of two a `RecordedPass`.
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from encoder.calls.call_events import CallEvents
 from encoder.calls.call_session import CallSession, FramePass, RecordedPass, run_pass
@@ -41,7 +41,7 @@ from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.report import EncodeReport, report_of
 from encoder.residual.residual_encoder import faces_bitrate
-from encoder.sound.open_voice import chosen_voice, open_voice
+from encoder.sound.recorded_speech import chosen_voice, open_voice
 from encoder.sound.voice_packer import VoicePacker
 from encoder.thesis.texture_mode_session import TextureModeEncoder
 from encoder.thesis.thesis_session import ThesisEncoder
@@ -56,6 +56,34 @@ _log = logging.getLogger(__name__)
 
 # The user is told of every so many frames of the third pass.
 TOLD_INTERVAL = 25
+
+
+@dataclass(frozen=True, slots=True)
+class EncodeRun:
+    """One source on its way into a call: what is asked, what comes in, what is counted and told."""
+
+    options: EncodeOptions
+    capture: Capture
+    stats: SessionStats
+    callbacks: SessionCallbacks
+
+    @property
+    def gop(self) -> GopStructure:
+        """Of the default profile."""
+        gop = gop_for_fps(self.capture.fps, self.options.fps)
+        return gop.with_low_delay() if self.options.low_delay else gop
+
+    def tracker(self, tracking: TrackingOptions) -> FaceTracker:
+        """Of the thesis profile."""
+        size, frame_s = (self.capture.width, self.capture.height), float(1 / self.capture.fps)
+        warn = self.stats.warn
+        return open_tracker(tracking, generic_head(), size, TRACKED_EAUS, frame_s, warn)
+
+    def packets(
+        self, sink: PacketSink, pacer: LayerPacer | None, voice: VoicePacker | None
+    ) -> PacketSender:
+        """What sends its packets."""
+        return PacketSender(sink, self.stats, pacer, self.capture.times, voice)
 
 
 def encode(
@@ -85,17 +113,18 @@ def encode(
             capture = by_arrival(capture)
         stack.enter_context(capture)
         check_delay(options.delay_s, options.live or capture.is_live)
+        run = EncodeRun(options, capture, stats, callbacks)
         voice = _open_voice(options, stats)
         sink = open_packet_sink(options, stack, on_message)
         is_live = options.profile == "default" and (options.live or capture.is_live)
         if not is_live:
             _wait_for_peer(options, sink)
         if options.profile == "thesis" and not options.texture_modes:
-            encode_thesis(options, capture, sink, stats, callbacks, voice)
+            encode_thesis(run, sink, voice)
         elif is_live:
-            encode_live(options, capture, sink, stats, callbacks, voice)
+            encode_live(run, sink, voice)
         else:
-            encode_two_pass(options, capture, sink, stats, callbacks, voice)
+            encode_two_pass(run, sink, voice)
         for note in capture.notes:
             stats.warn(note)
         # A link tells only now whether the end has been heard.
@@ -109,49 +138,30 @@ def _is_read_twice(options: EncodeOptions) -> bool:
     return not options.live
 
 
-def encode_thesis(
-    options: EncodeOptions,
-    capture: Capture,
-    sink: PacketSink,
-    stats: SessionStats,
-    callbacks: SessionCallbacks,
-    voice: VoicePacker | None = None,
-) -> None:
+def encode_thesis(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = None) -> None:
     """Track the face frame by frame and send ten samples a second."""
-    tracker = _tracker(options.tracking, capture, stats)
-    packets = PacketSender(sink, stats, times=capture.times, voice=voice)
+    options, packets = run.options, run.packets(sink, None, voice)
     session = ThesisEncoder(
-        capture,
-        tracker,
+        run.capture,
+        run.tracker(options.tracking),
         packets,
         budget_for("thesis", options.model_bytes),
         options.look_for_face_s,
-        stats,
+        run.stats,
         options.tracking.eyelids,
     )
-    run_session(session, packets, options, capture, stats, callbacks)
+    run_session(session, packets, run)
 
 
-def _tracker(tracking: TrackingOptions, capture: Capture, stats: SessionStats) -> FaceTracker:
-    size, frame_s = (capture.width, capture.height), float(1 / capture.fps)
-    return open_tracker(tracking, generic_head(), size, TRACKED_EAUS, frame_s, stats.warn)
-
-
-def encode_live(
-    options: EncodeOptions,
-    capture: Capture,
-    sink: PacketSink,
-    stats: SessionStats,
-    callbacks: SessionCallbacks,
-    voice: VoicePacker | None = None,
-) -> None:
+def encode_live(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = None) -> None:
     """Fit, code and send every frame as it comes."""
-    gop = _gop(options, capture)
+    options, capture, callbacks, gop = run.options, run.capture, run.callbacks, run.gop
     waits_for_modes = not (options.two_way or options.low_delay)
     pacing = pacing_of(capture.is_live, options.pace, options.delay_s, waits_for_modes)
     budget = budget_for("live", options.model_bytes)
     settings = LiveSettings(budget, options.bitrate, gop, options.look_for_face_s)
-    with closing(LearningProcess(stats.warn) if pacing.in_real_time else LocalLearner()) as learner:
+    own_process = pacing.in_real_time
+    with closing(LearningProcess(run.stats.warn) if own_process else LocalLearner()) as learner:
         if isinstance(learner, LearningProcess):
             callbacks.on_preparing("warming up")
             with dropping_frames(capture):
@@ -161,13 +171,12 @@ def encode_live(
         # Whoever comes finds an encoder that is ready.
         with dropping_frames(capture):
             _wait_for_peer(options, sink)
-        pacer = _pacer(options, sink, gop, capture)
-        packets = PacketSender(sink, stats, pacer, capture.times, voice)
+        packets = run.packets(sink, _pacer(run, sink), voice)
         shown = _shown_face(callbacks.other_face, capture, gop, budget)
         session = LiveEncoder(
-            capture, packets, stats, settings, learner, pacing, shown, callbacks.events
+            capture, packets, run.stats, settings, learner, pacing, shown, callbacks.events
         )
-        run_session(session, packets, options, capture, stats, callbacks)
+        run_session(session, packets, run)
 
 
 def _wait_for_peer(options: EncodeOptions, sink: PacketSink) -> None:
@@ -193,38 +202,27 @@ def _shown_face(
     return ShownFace(other, version)
 
 
-def encode_two_pass(
-    options: EncodeOptions,
-    capture: Capture,
-    sink: PacketSink,
-    stats: SessionStats,
-    callbacks: SessionCallbacks,
-    voice: VoicePacker | None = None,
-) -> None:
+def encode_two_pass(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = None) -> None:
     """Go through the whole source twice, then code and send the call."""
-    is_default = options.profile == "default"
-    pacer = _pacer(options, sink, _gop(options, capture), capture) if is_default else None
-    packets = PacketSender(sink, stats, pacer, capture.times, voice)
-    encoder = first_and_second_pass(options, capture, stats, callbacks)
-    call = encode_recorded(encoder, options, stats, callbacks, packets.pacer is not None)
+    options = run.options
+    pacer = _pacer(run, sink) if options.profile == "default" else None
+    packets = run.packets(sink, pacer, voice)
+    call = encode_recorded(first_and_second_pass(run), run, packets.pacer is not None)
     if options.pace:
-        send_call(call, packets, capture.times, callbacks.stop)
+        send_call(call, packets, run.capture.times, run.callbacks.stop)
     else:
         # A stop during the passes has ended the call already.
         send_call(call, packets, None, lambda: False)
 
 
 def encode_recorded(
-    encoder: RecordedPass,
-    options: EncodeOptions,
-    stats: SessionStats,
-    callbacks: SessionCallbacks,
-    progressive: bool = False,
+    encoder: RecordedPass, run: EncodeRun, progressive: bool = False
 ) -> list[EncodedCall]:
     """The parts of a call after both passes, with a picture residual where that pays.
 
     progressive: see `RecordedEncoder.encode`; then there is no residual.
     """
+    options, stats, callbacks = run.options, run.stats, run.callbacks
     bitrate = options.bitrate
     if options.draw is None or progressive or not encoder.may_have_residual(bitrate):
         return encoder.encode(bitrate, progressive)
@@ -252,54 +250,39 @@ def _told(
         yield index, picture
 
 
-def run_session(
-    session: CallSession,
-    packets: PacketSender,
-    options: EncodeOptions,
-    capture: Capture,
-    stats: SessionStats,
-    callbacks: SessionCallbacks,
-) -> None:
+def run_session(session: CallSession, packets: PacketSender, run: EncodeRun) -> None:
     """Run a session over all frames.  Raises `UserError` if none shows a face."""
-    source = FrameSource(capture, stats, callbacks.stop, options.max_frames, options.pace)
+    options, stop = run.options, run.callbacks.stop
+    source = FrameSource(run.capture, run.stats, stop, options.max_frames, options.pace)
 
     def next_frame(done: int, total: int | None) -> None:
         packets.send_times(done)
-        callbacks.progress(done, total)
+        run.callbacks.progress(done, total)
 
     packets.send_times(0)
     _run_pass(session, source, next_frame, options.source)
-    session.end(stats.next_index)
+    session.end(run.stats.next_index)
 
 
-def first_and_second_pass(
-    options: EncodeOptions,
-    capture: Capture,
-    stats: SessionStats,
-    callbacks: SessionCallbacks,
-) -> RecordedPass:
+def first_and_second_pass(run: EncodeRun) -> RecordedPass:
     """Go through the whole source twice: the encoder is ready for any bitrate.
 
     Raises `UserError` if the source shows no face, and `KeyboardInterrupt` if it was stopped before
     there is anything to code.
     """
     try:
-        encoder = first_pass(options, capture, stats, callbacks)
-        second_pass(encoder, options, stats, callbacks)
+        encoder = first_pass(run)
+        second_pass(encoder, run)
     except KeyboardInterrupt as interrupt:
         raise KeyboardInterrupt("nothing was coded yet") from interrupt
     return encoder
 
 
-def first_pass(
-    options: EncodeOptions,
-    capture: Capture,
-    stats: SessionStats,
-    callbacks: SessionCallbacks,
-) -> RecordedPass:
+def first_pass(run: EncodeRun) -> RecordedPass:
     """Landmarks or the tracked face of every frame, then the model of the person."""
-    encoder = _recorded_pass(options, capture, stats)
-    source = FrameSource(capture, stats, callbacks.stop, options.max_frames)
+    options, callbacks = run.options, run.callbacks
+    encoder = _recorded_pass(run)
+    source = FrameSource(run.capture, run.stats, callbacks.stop, options.max_frames)
     callbacks.on_preparing("first pass")
 
     def first_half(done: int, total: int | None) -> None:
@@ -314,40 +297,36 @@ def first_pass(
     return encoder
 
 
-def _recorded_pass(options: EncodeOptions, capture: Capture, stats: SessionStats) -> RecordedPass:
+def _recorded_pass(run: EncodeRun) -> RecordedPass:
     """Raises `UserError` for texture modes of a source that ends when it likes."""
+    options = run.options
     if options.profile == "default":
-        return RecordedEncoder(capture, stats, _gop(options, capture))
-    if capture.is_live:
+        return RecordedEncoder(run.capture, run.stats, run.gop)
+    if run.capture.is_live:
         raise UserError(
             "--texture-modes looks at a whole recording before it sends; leave it out for a camera"
         )
     # Faces of before and after a refinement would be of different heads.
     tracking = replace(options.tracking, refine_identity=False)
     return TextureModeEncoder(
-        capture,
-        _tracker(tracking, capture, stats),
+        run.capture,
+        run.tracker(tracking),
         options.texture_modes,
         options.look_for_face_s,
-        stats,
+        run.stats,
         options.tracking.eyelids,
     )
 
 
-def second_pass(
-    encoder: RecordedPass,
-    options: EncodeOptions,
-    stats: SessionStats,
-    callbacks: SessionCallbacks,
-) -> None:
+def second_pass(encoder: RecordedPass, run: EncodeRun) -> None:
     """Fit the face in every frame that is coded."""
-    count = stats.captured
+    count = run.stats.captured
 
     def second_half(done: int) -> None:
-        callbacks.progress((count + done) // 2, count)
+        run.callbacks.progress((count + done) // 2, count)
 
-    with open_source(options.source, square_pixels=True) as capture:
-        source = FrameSource(capture, stats, callbacks.stop)
+    with open_source(run.options.source, square_pixels=True) as capture:
+        source = FrameSource(capture, run.stats, run.callbacks.stop)
         encoder.fit_frames(source.second_pass(count, second_half))
     if not encoder.faces_fitted:
         raise KeyboardInterrupt
@@ -365,16 +344,10 @@ def _run_pass(frame_pass: FramePass, source: FrameSource, progress: Progress, na
         )
 
 
-def _gop(options: EncodeOptions, capture: Capture) -> GopStructure:
-    gop = gop_for_fps(capture.fps, options.fps)
-    return gop.with_low_delay() if options.low_delay else gop
-
-
-def _pacer(
-    options: EncodeOptions, sink: PacketSink, gop: GopStructure, capture: Capture
-) -> LayerPacer | None:
+def _pacer(run: EncodeRun, sink: PacketSink) -> LayerPacer | None:
     """Sends the model in layers where the link is thin, or the user says so; None: whole."""
-    packets_per_s = float(gop.coded_fps(capture.fps)) / gop.frames_per_packet
+    options, gop = run.options, run.gop
+    packets_per_s = float(gop.coded_fps(run.capture.fps)) / gop.frames_per_packet
     # A lossless call waits for the link, whatever that carries.
     link_bps = None if options.lossless else sink.quality.rate_bps
     limit_bps = options.startup_bitrate

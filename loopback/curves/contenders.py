@@ -17,7 +17,7 @@ from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
 from encoder.options import EncodeOptions
-from encoder.pipeline import encode, encode_recorded, first_and_second_pass
+from encoder.pipeline import EncodeRun, encode, encode_recorded, first_and_second_pass
 from loopback.curves.points import Point
 from loopback.curves.rivals import (
     Rival,
@@ -163,7 +163,7 @@ def own_points(
     rungs: Sequence[Rung], clip: ClipPictures, is_live: bool, stem: Path, warn: Warn
 ) -> Iterator[Point]:
     """Our calls of a clip, one rung after the other; each call file is left, see `call_path`."""
-    trained: dict[int | None, tuple[RecordedPass, SessionStats]] = {}
+    trained: dict[int | None, tuple[RecordedPass, EncodeRun]] = {}
     for rung in rungs:
         call = call_path(stem, rung, is_live)
         options = EncodeOptions(
@@ -181,11 +181,11 @@ def own_points(
         else:
             if rung.model_bytes not in trained:
                 trained = {rung.model_bytes: _trained(options)}
-            encoder, stats = trained[rung.model_bytes]
+            encoder, run = trained[rung.model_bytes]
             with CallWriter(call) as sink:
-                parts = encode_recorded(encoder, options, stats, _CALLBACKS)
-                send_call(parts, PacketSender(sink, stats), None, _never)
-            stage_ms = stats.timer.mean_ms(len(clip.pictures))
+                parts = encode_recorded(encoder, replace(run, options=options))
+                send_call(parts, PacketSender(sink, run.stats), None, _never)
+            stage_ms = run.stats.timer.mean_ms(len(clip.pictures))
         point = _own_point(rung, call, clip, warn)
         times = {name: rounded(ms, 2) for name, ms in stage_ms.items()}
         yield replace(point, figures={**point.figures, "stage_ms": times})
@@ -211,10 +211,10 @@ def _own_point(rung: Rung, call: Path, clip: ClipPictures, warn: Warn) -> Point:
     return Point(rung.label, summary.model_bytes, summary.record_bps, figures, asdict(rung))
 
 
-def _trained(options: EncodeOptions) -> tuple[RecordedPass, SessionStats]:
-    stats = SessionStats()
+def _trained(options: EncodeOptions) -> tuple[RecordedPass, EncodeRun]:
     with open_source(options.source, square_pixels=True) as capture:
-        return first_and_second_pass(options, capture, stats, _CALLBACKS), stats
+        run = EncodeRun(options, capture, SessionStats(), _CALLBACKS)
+        return first_and_second_pass(run), run
 
 
 def _ignore(done: int, total: int | None) -> None:

@@ -9,7 +9,7 @@ from encoder.calls.session_stats import SessionStats
 from encoder.live_model.other_face import OtherFace
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
-from encoder.pipeline import encode_live
+from encoder.pipeline import EncodeRun, encode_live
 from protocol.link.interface import MessageCallback, PacketSink
 from risorius.live_call.devices import Devices
 from risorius.live_call.messages import (
@@ -54,7 +54,8 @@ def run(part: PartConnection, options: SendingOptions) -> None:
             other_face=None if options.face is None else OtherFace(options.face, face_on.is_set),
         )
         try:
-            encode_live(sent.options, capture, sent.sink, sent.stats, callbacks, devices.voice)
+            run = EncodeRun(sent.options, capture, sent.stats, callbacks)
+            encode_live(run, sent.sink, devices.voice)
         except UserError as error:
             if not (part.is_over.is_set() and error.exit_code == NO_FACE):
                 raise

@@ -15,7 +15,7 @@ from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
 from encoder.live_model.other_face import OtherFace, cut_to
 from encoder.options import EncodeOptions
-from encoder.pipeline import encode_live
+from encoder.pipeline import EncodeRun, encode_live
 from protocol.call_file import CallReader, CallWriter
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet
@@ -52,7 +52,7 @@ def call_of(
         str(clip), live=True, low_delay=True, model_bytes=LIVE_MODEL_BYTES, max_frames=FRAMES
     )
     with open_source(str(clip)) as capture, CallWriter(path) as sink, without_layers():
-        encode_live(options, capture, sink, SessionStats(), callbacks)
+        encode_live(EncodeRun(options, capture, SessionStats(), callbacks), sink)
     with CallReader(path) as reader:
         packets = [parse_packet(data) for data in reader]
     decode(DecodeOptions(path, output=shown), lambda done, total: None, lambda: False)

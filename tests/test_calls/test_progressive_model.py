@@ -23,7 +23,7 @@ from encoder.capture.video_source import open_source
 from encoder.coding.pacer import LayerPacer
 from encoder.coding.progressive_model import BASE_LAYER_BYTES
 from encoder.options import EncodeOptions
-from encoder.pipeline import encode, first_and_second_pass
+from encoder.pipeline import EncodeRun, encode, first_and_second_pass
 from loopback.quality.video_quality import face_mask_finder, measure_quality
 from protocol.call_file import MAGIC, CallWriter
 from protocol.call_records import serialise_records
@@ -63,7 +63,7 @@ def encoder(clip: str) -> Iterator[RecordedPass]:
     options, stats = EncodeOptions(clip, model_bytes=MODEL_BYTES), SessionStats()
     callbacks = SessionCallbacks(lambda done, total: None, lambda: False)
     with open_source(clip) as source:
-        yield first_and_second_pass(options, source, stats, callbacks)
+        yield first_and_second_pass(EncodeRun(options, source, stats, callbacks))
 
 
 def send(encoder: RecordedPass, path: Path, startup: float | None) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
 from encoder.options import EncodeOptions
-from encoder.pipeline import encode, first_pass
+from encoder.pipeline import EncodeRun, encode, first_pass
 from loopback.quality.video_quality import TrackedFaceMask, measure_quality
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
@@ -95,4 +95,4 @@ def test_a_source_without_an_end_is_refused(clip: Path, options: EncodeOptions) 
     with open_source(str(clip)) as capture:
         capture.is_live = True
         with pytest.raises(UserError, match="--texture-modes looks at a whole recording"):
-            first_pass(options, capture, stats, callbacks)
+            first_pass(EncodeRun(options, capture, stats, callbacks))
