@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from benchmarks.command import run
-from decoder.rendering.renderer import Renderer
+from decoder.rendering.renderer import FrameState, Renderer
 from decoder.scene.background_layers import BackgroundLayers
 from decoder.scene.layer_motion import LayerMotion
 from decoder.scene.scene import EDGE_EXPANSION_PX
@@ -73,8 +73,9 @@ def measure_stages_ms(width: int, height: int, layered: bool) -> np.ndarray:
             row[2] = time.perf_counter()
             renderer.set_texture(atlas)
             row[3] = time.perf_counter()
-            drawn = camera, pose, vertices, grid_px
-            renderer.draw(*drawn, None, EDGE_EXPANSION_PX, change, corners)
+            state = FrameState(pose, vertices, grid_px, change=change, scene_corners=corners)
+            renderer.submit(camera, state, EDGE_EXPANSION_PX)
+            renderer.read_back()
             row[4] = time.perf_counter()
     return np.asarray(1000 * np.diff(times[5:], axis=1))
 

@@ -6,19 +6,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
+import cv2
+import numpy as np
+
 from decoder.call_pictures import CallPictures, DrawnFrame, FaceObserver
 from decoder.playout.call_source import CallSource
 from decoder.playout.duration import count_frames
 from decoder.playout.playout import PlayoutFrame
 from decoder.playout.received_frames import DecodeStats
 from decoder.playout.receiver import Receiver
-from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, keeps_times, open_sink
-from decoder.sinks.source_pixels import in_source_size
+from decoder.sinks.frame_sink import ThreadedSink, check_sink, keeps_times, open_sink
+from decoder.sinks.interface import FrameSink
 from decoder.sinks.video_file import TIMED
 from decoder.sound.sound_track import SoundTrack, open_sound_track
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import MessageCallback, ignore_message
-from shared_model.arrays import Samples
+from shared_model.arrays import Picture, Samples
 from shared_model.stage_timer import frame_times
 
 Progress = Callable[[int, int | None], None]
@@ -269,3 +272,13 @@ def _loss_warnings(receiver: Receiver, stats: DecodeStats) -> Iterator[str]:
     if stats.lost_frames:
         share = f"{stats.lost_frames} of {stats.pictures} pictures"
         yield f"{counts.lost} frame packets did not come in time: {share} stand for lost ones"
+
+
+def in_source_size(picture: Picture, size: tuple[int, int]) -> Picture:
+    """A picture (h, w, 3) of a call in the width and height of its source.
+
+    size: see `CallParameters.source_size`.
+    """
+    if size == (picture.shape[1], picture.shape[0]):
+        return picture
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)

@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 from protocol.call_records import DamagedRecord, RecordReader, RecordWriter
 from protocol.errors import ProtocolError
-from protocol.link.interface import Arrival, LinkQuality, PacketSink, PacketSource, Reachability
+from protocol.link.interface import Arrival, PacketSink, PacketSource
 from protocol.packets import is_end
 from shared_model.errors import UserError, cannot_read, cannot_write
 
@@ -46,16 +46,6 @@ class CallWriter(PacketSink):
         except UserError:
             self.close()
             raise
-
-    @property
-    def reachability(self) -> Reachability:
-        """A file always takes the packet."""
-        return Reachability.HAS_PEER
-
-    @property
-    def quality(self) -> LinkQuality:
-        """A file loses nothing."""
-        return LinkQuality()
 
     def send(self, packet: bytes) -> None:
         """Append one packet.  Raises `UserError` if the disk refuses."""
@@ -101,16 +91,6 @@ class CallStreamWriter(PacketSink):
     def __init__(self, stream: BinaryIO) -> None:
         self._stream, self._records = stream, RecordWriter()
         self._write(MAGIC)
-
-    @property
-    def reachability(self) -> Reachability:
-        """A stream always takes the packet."""
-        return Reachability.HAS_PEER
-
-    @property
-    def quality(self) -> LinkQuality:
-        """A stream loses nothing."""
-        return LinkQuality()
 
     def send(self, packet: bytes) -> None:
         """Write one packet."""

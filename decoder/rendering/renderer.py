@@ -7,6 +7,7 @@ Texture coordinates: pixel (row i, column j) of an atlas of n x n pixels has its
 u = (j + 0.5) / n, v = (i + 0.5) / n, v down; beyond the outermost centres the edge is repeated.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -42,6 +43,29 @@ from shared_model.parameters import Pose
 # the encoder does when it fits the face.
 COARSE_TEXELS_PER_PX = 3.0
 ATLAS_MM = 200.0
+
+
+@dataclass(frozen=True, slots=True)
+class FrameState:
+    """What is drawn of a frame.
+
+    vertices: (n, 3) float64, mm, head frame, as many as the head has.
+    grid_px: (rows, columns, 2) the warped mesh of the background, pixels; None: unchanged.
+    mouth_shading: light inside the mouth, less on molars; None: the texture includes it.
+    change: (h, w, 3) uint8 BGR, added to both layers of the background less 128; None: nothing.
+    scene_corners: see `scene_motion.moved_corners`; None: the scene stands still.
+    light: on both layers; None: as it is in them.
+    texture: (n, m, 3) uint8 BGR; None: unchanged.
+    """
+
+    pose: Pose
+    vertices: Array
+    grid_px: Array | None = None
+    mouth_shading: float | None = None
+    change: Picture | None = None
+    scene_corners: Array | None = None
+    light: Light | None = None
+    texture: Picture | None = None
 
 
 class Renderer:
@@ -108,61 +132,30 @@ class Renderer:
         with self._context:
             self._background.set(moving, grid_px, static)
 
-    def draw(
-        self,
-        camera: Camera,
-        pose: Pose,
-        vertices: Array,
-        grid_px: Array | None = None,
-        mouth_shading: float | None = None,
-        expansion_px: float = 0.0,
-        change: Picture | None = None,
-        scene_corners: Array | None = None,
-        light: Light | None = None,
-    ) -> Picture:
-        """The textured head over the background: (height, width, 3) uint8 BGR.  See `submit`."""
-        further = expansion_px, change, scene_corners, light
-        self.submit(camera, pose, vertices, grid_px, mouth_shading, *further)
-        return self.read_back()
+    def submit(self, camera: Camera, frame: FrameState, expansion_px: float = 0.0) -> None:
+        """Start drawing the textured head over the background; `read_back` waits for the picture.
 
-    def submit(
-        self,
-        camera: Camera,
-        pose: Pose,
-        vertices: Array,
-        grid_px: Array | None = None,
-        mouth_shading: float | None = None,
-        expansion_px: float = 0.0,
-        change: Picture | None = None,
-        scene_corners: Array | None = None,
-        light: Light | None = None,
-    ) -> None:
-        """Start drawing a picture; `read_back` waits for it and returns it.
-
-        vertices: (n, 3) float64, mm, head frame, as many as the head has.
-        grid_px: (rows, columns, 2) the warped mesh of the background, pixels; None: unchanged.
-        mouth_shading: light inside the mouth, less on molars; None: the texture includes it.
         expansion_px: how far the colours of the face extend beyond its outline, pixels; if at
             all, edges are smooth, see `edge_strips`.
-        change: (h, w, 3) uint8 BGR, added to both layers of the background less 128; None: nothing.
-        scene_corners: see `scene_motion.moved_corners`; None: the scene stands still.
-        light: on both layers; None: as it is in them.
         """
+        vertices, shading = frame.vertices, frame.mouth_shading
+        if frame.texture is not None:
+            self.set_texture(frame.texture)
         self._check(camera, vertices)
         if self._atlas is None:
-            raise ValueError("no texture has been set, expected set_texture before draw")
+            raise ValueError("no texture has been set, expected set_texture before submit")
         with self._context:
             self._clear(with_colour=not self._background.covers)
-            self._background.draw(self._target, grid_px, change, scene_corners, light)
-            clip = clip_from_head(camera, pose)
+            layers = frame.grid_px, frame.change, frame.scene_corners, frame.light
+            self._background.draw(self._target, *layers)
+            clip = clip_from_head(camera, frame.pose)
             self._write_pose(self._textured, clip, vertices)
             write_uniform(self._depth.program, "clip_from_head", clip)
             if expansion_px:
-                self._edges.set(clip, vertices, mouth_shading, expansion_px)
-            inside = 1.0 if mouth_shading is None else mouth_shading
-            self._textured.program["mouth_shading"] = inside
-            self._textured.program["texture_is_shaded"] = mouth_shading is None
-            self._use_atlas(self._atlas, camera, pose)
+                self._edges.set(clip, vertices, shading, expansion_px)
+            self._textured.program["mouth_shading"] = 1.0 if shading is None else shading
+            self._textured.program["texture_is_shaded"] = shading is None
+            self._use_atlas(self._atlas, camera, frame.pose)
             self._draw_head(with_edges=expansion_px > 0)
 
     def draw_scene(self) -> Picture:

@@ -3,44 +3,29 @@
 `scene_parts` decodes what is drawn here.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
 from decoder.rendering.mouth_shading import mouth_shading
 from decoder.rendering.render_geometry import NEAR_MM
-from decoder.rendering.renderer import Renderer
-from decoder.scene.face_area import face_area
+from decoder.rendering.renderer import FrameState, Renderer
 from decoder.scene.scene_parts import SceneParts
 from protocol.model_packet import ModelPacket
 from shared_model.arrays import Array, Picture, Single
-from shared_model.geometry import camera_from_head
+from shared_model.geometry import Camera, camera_from_head, pixel_from_head
 from shared_model.layers.head_motion import warp
-from shared_model.layers.light import Light
+from shared_model.mesh import PARTS, Head
 from shared_model.parameters import LIDS, FaceParameters, Pose
 from shared_model.stage_timer import StageTimer
 
 # The outline of the face fades into the background over a pixel; drawn wider by so much, the face
 # reaches its contour in the background picture.
 EDGE_EXPANSION_PX = 0.7
-
-
-@dataclass(frozen=True, slots=True)
-class FrameState:
-    """What the renderer draws of a frame, see `Renderer.submit`.
-
-    texture: None: unchanged.  change, scene_corners, light: None: there is none.
-    """
-
-    texture: Picture | None
-    pose: Pose
-    vertices: Array
-    grid_px: Array
-    mouth_shading: float | None
-    change: Picture | None = None
-    scene_corners: Array | None = None
-    light: Light | None = None
+# Skin that is more opaque than this is of the face.
+FACE_OPACITY = 0.5
+# The area of the face is averaged over a square: its side is 1 more than twice this share of the
+# picture's.
+SOFT_SHARE = 1 / 320
 
 
 class Scene:
@@ -121,25 +106,13 @@ class Scene:
             change = self._parts.motion.change(face.layers)
             corners = self._parts.motion.scene_corners(face.layers)
             light = self._parts.motion.light(face.layers)
-        return FrameState(texture, pose, vertices, grid_px, shading, change, corners, light)
+        return FrameState(pose, vertices, grid_px, shading, change, corners, light, texture)
 
     def submit(self, state: FrameState, timer: StageTimer) -> None:
         """Start drawing a frame; `read_back` returns its picture."""
         self._empty, self._submitted = None, state
         with timer.stage("render"):
-            if state.texture is not None:
-                self._renderer.set_texture(state.texture)
-            self._renderer.submit(
-                self._camera,
-                state.pose,
-                state.vertices,
-                state.grid_px,
-                state.mouth_shading,
-                EDGE_EXPANSION_PX,
-                state.change,
-                state.scene_corners,
-                state.light,
-            )
+            self._renderer.submit(self._camera, state, EDGE_EXPANSION_PX)
 
     def read_back(self, timer: StageTimer) -> Picture:
         """The picture of the frame submitted last, (height, width, 3) uint8 BGR."""
@@ -178,3 +151,17 @@ def pushed_before_camera(pose: Pose, vertices: Array) -> Pose:
     if nearest_mm >= NEAR_MM:
         return pose
     return Pose(pose.rotation, pose.translation_mm + np.array([0.0, 0.0, NEAR_MM - nearest_mm]))
+
+
+def face_area(head: Head, camera: Camera, pose: Pose, vertices: Array) -> Single:
+    """(height, width) 1 in the convex hull of the face's skin, 0 outside, in between at its edge.
+
+    vertices: (n, 3) mm, head frame.
+    """
+    is_face = (head.opacity >= FACE_OPACITY) & (head.parts == PARTS.index("skin"))
+    points = pixel_from_head(camera, pose, vertices[is_face])
+    corners = cv2.convexHull(np.rint(np.clip(points, -1e4, 1e4)).astype(np.int32))
+    area = np.zeros((camera.height, camera.width), np.float32)
+    cv2.fillConvexPoly(area, corners, 1.0)
+    side = 2 * max(1, round(SOFT_SHARE * max(area.shape))) + 1
+    return np.asarray(cv2.blur(area, (side, side)), np.float32)

@@ -6,10 +6,11 @@ from functools import partial
 from pathlib import Path
 from queue import Queue
 from threading import Thread
-from typing import BinaryIO, Protocol, Self
+from typing import BinaryIO
 
 import cv2
 
+from decoder.sinks.interface import FrameSink
 from decoder.sinks.video_file import CODECS, TIMED, VideoFile
 from decoder.sinks.y4m_stream import Y4mStream
 from shared_model.arrays import Picture, Samples
@@ -17,34 +18,6 @@ from shared_model.errors import UserError, cannot_write
 
 # Pictures and pieces of sound that may wait for a `ThreadedSink`.
 MAX_QUEUED_WRITES = 6
-
-
-class FrameSink(Protocol):
-    """Takes the pictures of one call in order."""
-
-    def write(self, picture: Picture, time_s: Fraction | None = None) -> None:
-        """Add one picture, (height, width, 3) uint8 BGR.
-
-        time_s: when it is shown, seconds from the start, where the frame rate varies.
-        """
-
-    def write_sound(self, samples: Samples) -> None:
-        """Add samples, (n,) int16, to the sound track, if there is one."""
-
-    def mark_incomplete(self) -> Path | None:
-        """State that pictures are missing at the end, so that an older file keeps its name.
-
-        Returns the path of the pictures then; None if it is the sink's own.
-        """
-
-    def close(self) -> None:
-        """Finish the files; pictures written before are kept."""
-
-    def __enter__(self) -> Self:
-        """Return the sink, which is closed on leaving the block."""
-
-    def __exit__(self, *exception: object) -> None:
-        """Close; after an exception the pictures are incomplete."""
 
 
 def open_sink(
@@ -98,7 +71,7 @@ def check_sink(path: Path) -> None:
         raise UserError(f"cannot write {path}: name it {known} or, for images, like frame%04d.png")
 
 
-class ThreadedSink:
+class ThreadedSink(FrameSink):
     """Writes into another sink from a thread of its own, so that drawing does not wait for coding.
 
     The next `write` or `close` raises the errors of the other sink.
@@ -136,14 +109,6 @@ class ThreadedSink:
         self._sink.close()
         self._raise_error()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        if any(exception):
-            self.mark_incomplete()
-        self.close()
-
     def _work(self) -> None:
         while (write := self._queue.get()) is not None:
             if self._error is None:
@@ -158,8 +123,11 @@ class ThreadedSink:
             raise error
 
 
-class ImageSequence:
-    """Writes each picture to a file of its own, numbered from 0."""
+class ImageSequence(FrameSink):
+    """Writes each picture to a file of its own, numbered from 0, in place of an older one.
+
+    Images have no sound.
+    """
 
     def __init__(self, path: Path) -> None:
         self._pattern = path
@@ -185,19 +153,3 @@ class ImageSequence:
         except OSError as error:
             raise cannot_write(path, error) from error
         self._count += 1
-
-    def write_sound(self, samples: Samples) -> None:
-        """Do nothing: images have no sound."""
-
-    def mark_incomplete(self) -> Path | None:
-        """See `FrameSink`: each image has replaced an older one already."""
-        return None
-
-    def close(self) -> None:
-        """Do nothing: no file is open between two images."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()

@@ -5,7 +5,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 import av
 import cv2
@@ -20,6 +20,7 @@ from av.video.reformatter import (
 from av.video.stream import VideoStream
 
 from decoder.sinks import matroska_aspect
+from decoder.sinks.interface import FrameSink
 from decoder.sinks.sound_stream import SoundStream
 from decoder.sinks.y4m_stream import LUMA_SPAN, LUMA_WEIGHTS
 from protocol.frames.frame_times import TICKS_PER_FRAME
@@ -61,7 +62,7 @@ class _PixelFormat:
     matrix: Colorspace | None
 
 
-class VideoFile:
+class VideoFile(FrameSink):
     """Writes a video file under a temporary name and renames it when it is finished.
 
     Leaving the `with` block by an exception finishes it too, so that a stopped recording can be
@@ -171,14 +172,6 @@ class VideoFile:
         """See `FrameSink`."""
         self._replaces = not (self._is_open and self._path.exists())
         return None if self._replaces else self._part
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        if any(exception):
-            self.mark_incomplete()
-        self.close()
 
     @contextmanager
     def _as_user_error(self) -> Iterator[None]:

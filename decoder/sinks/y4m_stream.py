@@ -1,13 +1,13 @@
 """Pictures as YUV4MPEG2, the raw video that players read from a pipe."""
 
 from fractions import Fraction
-from pathlib import Path
-from typing import BinaryIO, Self
+from typing import BinaryIO
 
 import cv2
 import numpy as np
 
-from shared_model.arrays import Picture, Samples, Single
+from decoder.sinks.interface import FrameSink
+from shared_model.arrays import Picture, Single
 
 # Weights of B', G', R' in Y' by BT.601 and BT.709.
 LUMA_WEIGHTS = {"bt601": (0.114, 0.587, 0.299), "bt709": (0.0722, 0.7152, 0.2126)}
@@ -16,11 +16,11 @@ OFFSETS = (16, 128, 128)
 LUMA_SPAN, COLOUR_SPAN = 219 / 255, 224 / 255
 
 
-class Y4mStream:
+class Y4mStream(FrameSink):
     """A `FrameSink` that writes to an open stream, each picture at once.
 
     Pictures are 4:4:4 with 8 bits, of the source's colour matrix, which the format cannot state.
-    The stream stays open.
+    The format has no sound.  The stream stays open, and replaces no older file.
     """
 
     def __init__(
@@ -48,22 +48,6 @@ class Y4mStream:
         ycbcr = cv2.transform(picture.astype(np.float32), self._ycbcr_from_bgr)
         planes = np.clip(np.rint(ycbcr), 0, 255).astype(np.uint8).transpose(2, 0, 1)
         self._write(b"FRAME\n" + planes.tobytes())
-
-    def write_sound(self, samples: Samples) -> None:
-        """Do nothing: the format has no sound."""
-
-    def mark_incomplete(self) -> Path | None:
-        """See `FrameSink`: a stream has no older file."""
-        return None
-
-    def close(self) -> None:
-        """Do nothing: each picture has been flushed."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     def _write(self, data: bytes) -> None:
         self._stream.write(data)

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.capture.colour import luma_u8
 from encoder.capture.picture_size import in_square_pixels
 from encoder.capture.video_source import Capture, open_source
 from encoder.detection.landmark_indices import face_outline
@@ -17,11 +18,14 @@ from encoder.detection.landmarks import open_landmark_tracker
 from encoder.detection.tflite import NetworkFilesMissing
 from loopback.quality.psnr import psnr_db, squared_error
 from loopback.quality.region_quality import RegionMeter, RegionQuality
-from loopback.quality.ssim import ssim_map
 from loopback.report import rounded
 from runtime.image_ops import hull_mask
-from shared_model.arrays import Mask, Picture
+from shared_model.arrays import Array, Mask, Picture
 from shared_model.errors import UserError
+
+# Of structural similarity: the Gaussian window, pixels, and (0.01 * 255)^2 and (0.03 * 255)^2.
+WINDOW, SIGMA = (11, 11), 1.5
+C1, C2 = 6.5025, 58.5225
 
 Progress = Callable[[int, int | None], None]
 # The face of a picture as a mask, (height, width) bool; None: no face.
@@ -192,3 +196,19 @@ def face_mask_finder(warn: Callable[[str], None]) -> FaceMaskFinder:
     except NetworkFilesMissing as error:
         warn(f"risorius: warning: {error}; no PSNR over the face")
         return lambda picture: None
+
+
+def ssim_map(original: Picture, copy: Picture) -> Array:
+    """(h, w) structural similarity of luma (Wang et al. 2004) at each pixel of pictures
+    (h, w, 3) uint8 BGR, 1 where they are equal.
+    """
+    a, b = (luma_u8(picture).astype(np.float64) for picture in (original, copy))
+    mean_a, mean_b = _window_mean(a), _window_mean(b)
+    variance_a, variance_b = _window_mean(a * a) - mean_a**2, _window_mean(b * b) - mean_b**2
+    covariance = _window_mean(a * b) - mean_a * mean_b
+    likeness = (2 * mean_a * mean_b + C1) * (2 * covariance + C2)
+    return likeness / ((mean_a**2 + mean_b**2 + C1) * (variance_a + variance_b + C2))
+
+
+def _window_mean(values: Array) -> Array:
+    return np.asarray(cv2.GaussianBlur(values, WINDOW, SIGMA), np.float64)

@@ -133,14 +133,18 @@ class Reachability(StrEnum):
 class PacketSink(Protocol):
     """Takes the packets of one call in order.
 
-    reachability: of the newest packet.  quality: of the link at the moment.
+    What stores them takes each, and loses nothing.
     """
 
     @property
-    def reachability(self) -> Reachability: ...
+    def reachability(self) -> Reachability:
+        """Whether the newest packet reaches a receiver."""
+        return Reachability.HAS_PEER
 
     @property
-    def quality(self) -> LinkQuality: ...
+    def quality(self) -> LinkQuality:
+        """Of the link at the moment."""
+        return LinkQuality()
 
     def wait_for_peer(self, timeout_s: float) -> None:
         """Wait for a decoder: nobody is waited for where packets are stored."""

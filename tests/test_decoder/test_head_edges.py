@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drawn_heads import drawn_picture
 from heads import synthetic_head
 
 from decoder.rendering.edge_strips import edges_of
@@ -50,7 +51,7 @@ def drawn(head: Head, expansion_px: float = EXPANSION_PX) -> Array:
         renderer.set_texture(np.repeat(greys[None, :, None], 3, axis=2))
         still = np.full((120, 160, 3), BEHIND, np.uint8)
         renderer.set_background(still, np.stack(np.meshgrid(u, v), -1))
-        picture = renderer.draw(CAMERA, POSE, head.vertices, expansion_px=expansion_px)
+        picture = drawn_picture(renderer, CAMERA, POSE, head.vertices, expansion_px=expansion_px)
     return picture[..., 0].astype(np.float64)
 
 

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from drawn_heads import drawn_picture
 from heads import synthetic_head
 
 from decoder.rendering.renderer import Renderer
@@ -39,9 +40,9 @@ def test_a_change_is_added_to_both_layers_and_to_the_next_frame_no_more() -> Non
         expected = np.where(OPACITY[..., None], still, behind).astype(int)
         change = np.full((6, 8, 3), 128, np.uint8)
         change += np.array([20, 0, 246], np.uint8)
-        picture = renderer.draw(CAMERA, AWAY, HEAD.vertices, change=change)
+        picture = drawn_picture(renderer, CAMERA, AWAY, HEAD.vertices, change=change)
         np.testing.assert_allclose(picture.astype(int), expected + np.array([20, 0, -10]), atol=1)
-        picture = renderer.draw(CAMERA, AWAY, HEAD.vertices)
+        picture = drawn_picture(renderer, CAMERA, AWAY, HEAD.vertices)
         np.testing.assert_allclose(picture.astype(int), expected, atol=1)
 
 
@@ -51,12 +52,12 @@ def test_light_is_on_both_layers_and_on_the_next_frame_no_more(light: Light) -> 
     still, behind = rng.integers(0, 256, (2, 240, 320, 3), dtype=np.uint8)
     whole = np.where(OPACITY[..., None], still, behind).astype(float)
     with layers(still, behind) as renderer:
-        picture = renderer.draw(CAMERA, AWAY, HEAD.vertices, light=light)
+        picture = drawn_picture(renderer, CAMERA, AWAY, HEAD.vertices, light=light)
         expected = light.gain * (whole - 128) + 128 + light.offset
         np.testing.assert_allclose(picture.astype(float), np.clip(expected, 0, 255), atol=1)
         dark = np.clip(light.gain * (behind.astype(float) - 128) + 128 + light.offset, 0, 255)
         np.testing.assert_allclose(renderer.draw_scene().astype(float), dark, atol=1)
-        picture = renderer.draw(CAMERA, AWAY, HEAD.vertices)
+        picture = drawn_picture(renderer, CAMERA, AWAY, HEAD.vertices)
         np.testing.assert_allclose(picture.astype(float), whole, atol=1)
 
 
@@ -68,7 +69,9 @@ def test_the_scene_moves_behind_the_person_and_stands_still_again() -> None:
     moved = np.roll(behind, (-3, 5), (0, 1))
     with layers(still, behind) as renderer:
         for scene_corners, expected in ((corners, moved), (None, behind)):
-            picture = renderer.draw(CAMERA, AWAY, HEAD.vertices, scene_corners=scene_corners)
+            picture = drawn_picture(
+                renderer, CAMERA, AWAY, HEAD.vertices, scene_corners=scene_corners
+            )
             whole = np.where(OPACITY[..., None], still, expected).astype(int)
             np.testing.assert_allclose(
                 picture[10:-10, 10:-10].astype(int), whole[10:-10, 10:-10], atol=1
@@ -82,7 +85,7 @@ def test_what_the_camera_never_showed_is_the_scene_mirrored_and_ever_more_blurre
     behind[:40:2] = 90
     corners = moved_corners(320, 240, np.array([0, 60]) / 3.2)
     with layers(np.zeros_like(behind), behind) as renderer:
-        picture = renderer.draw(CAMERA, AWAY, HEAD.vertices, scene_corners=corners)
+        picture = drawn_picture(renderer, CAMERA, AWAY, HEAD.vertices, scene_corners=corners)
         seen = picture[70:80, :100].astype(int)
         np.testing.assert_allclose(seen, behind[10:20, :100].astype(int), atol=1)
         near, far = picture[56:59, 10:300].astype(float), picture[:10, 10:300].astype(float)
@@ -90,6 +93,6 @@ def test_what_the_camera_never_showed_is_the_scene_mirrored_and_ever_more_blurre
         assert np.abs(np.diff(near, axis=0)).mean() > 5
         assert far.std() < 0.4 * near.std()
         assert far.mean() == pytest.approx(behind[:60].mean(), abs=25)
-        picture = renderer.draw(CAMERA, AWAY, HEAD.vertices)
+        picture = drawn_picture(renderer, CAMERA, AWAY, HEAD.vertices)
         whole = np.where(OPACITY[..., None], 0, behind)
         np.testing.assert_allclose(picture.astype(int), whole.astype(int), atol=1)

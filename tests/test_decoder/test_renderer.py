@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drawn_heads import drawn_picture
 from heads import synthetic_head
 
 from decoder.rendering.render_geometry import part_colours, teeth_falloff
@@ -75,7 +76,7 @@ def test_projection_agrees_with_the_geometry_to_a_hundredth_of_a_pixel(
         quad = quads_head(square(place, 24.0)[None], corners[None])
         with Renderer(camera.width, camera.height, quad) as renderer:
             renderer.set_texture(atlas)
-            picture = renderer.draw(camera, pose, quad.vertices)
+            picture = drawn_picture(renderer, camera, pose, quad.vertices)
         expected = _projected_centroid(camera, pose, place)
         assert np.abs(centroid(picture) - expected).max() < 0.01
 
@@ -103,7 +104,7 @@ def test_vertex_edges_fall_between_the_right_pixels() -> None:
     quad = quads_head(corners[None], np.full((1, 4, 2), 0.5))
     with Renderer(CAMERA.width, CAMERA.height, quad) as renderer:
         renderer.set_texture(np.full((8, 8, 3), 255, dtype=np.uint8))
-        picture = renderer.draw(CAMERA, AHEAD, quad.vertices)
+        picture = drawn_picture(renderer, CAMERA, AHEAD, quad.vertices)
     expected = np.zeros((240, 320, 3), dtype=np.uint8)
     expected[80:110, 100:140] = 255
     np.testing.assert_array_equal(picture, expected)
@@ -120,7 +121,7 @@ def test_atlas_pixel_centres_are_where_the_docstring_says() -> None:
     quad = quads_head(corners[None], texture[None])
     with Renderer(CAMERA.width, CAMERA.height, quad) as renderer:
         renderer.set_texture(atlas)
-        picture = renderer.draw(CAMERA, AHEAD, quad.vertices)
+        picture = drawn_picture(renderer, CAMERA, AHEAD, quad.vertices)
     np.testing.assert_allclose(picture[80:112, 100:148].astype(int), atlas, atol=1)
 
 
@@ -134,7 +135,7 @@ def test_a_far_face_is_averaged_from_its_atlas_and_a_near_one_is_not() -> None:
         renderer.set_texture(atlas)
         for depth_mm in (4000.0, 700.0):
             pose = pose_from_euler(0, 0, 0, np.array([0.0, 0, depth_mm]))
-            picture = renderer.draw(CAMERA, pose, quad.vertices)
+            picture = drawn_picture(renderer, CAMERA, pose, quad.vertices)
             inside = picture[112:128, 152:168].astype(np.float64)
             contrasts.append(inside.std())
             assert abs(inside.mean() - atlas.mean()) < 12
@@ -147,7 +148,7 @@ def test_an_unwarped_background_is_shown_exactly(renderer: Renderer, head: Head)
     renderer.set_background(still, np.stack(np.meshgrid(u, v), -1))
     renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
     away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
-    picture = renderer.draw(CAMERA, away, head.vertices)
+    picture = drawn_picture(renderer, CAMERA, away, head.vertices)
     np.testing.assert_allclose(picture.astype(int), still, atol=1)
 
 
@@ -159,7 +160,7 @@ def test_a_warped_mesh_moves_the_background(renderer: Renderer, head: Head) -> N
     renderer.set_background(still, rest)
     renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
     away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
-    picture = renderer.draw(CAMERA, away, head.vertices, rest + np.array((7, -4)))
+    picture = drawn_picture(renderer, CAMERA, away, head.vertices, rest + np.array((7, -4)))
     np.testing.assert_allclose(picture[:236, 7:].astype(int), still[4:, :-7], atol=1)
 
 
@@ -182,16 +183,16 @@ def test_the_static_layer_shows_where_the_moving_one_is_transparent(
     with Renderer(CAMERA.width, CAMERA.height, head, samples) as renderer:
         renderer.set_background(np.dstack([still, opacity]), rest, behind)
         renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
-        picture = renderer.draw(CAMERA, away, head.vertices)
+        picture = drawn_picture(renderer, CAMERA, away, head.vertices)
         np.testing.assert_allclose(picture.astype(int), expected, atol=1)
-        picture = renderer.draw(CAMERA, away, head.vertices, rest + np.array((7, -4)))
+        picture = drawn_picture(renderer, CAMERA, away, head.vertices, rest + np.array((7, -4)))
         moved = behind.copy()
         moved[:236, 7:] = np.where(opacity[4:, :-7, None], still[4:, :-7], behind[:236, 7:])
         within = picture[:236, 7:].astype(int)
         np.testing.assert_allclose(within, moved[:236, 7:], atol=1)
         np.testing.assert_allclose(renderer.draw_scene().astype(int), behind, atol=1)
         renderer.set_background(still, rest)
-        picture = renderer.draw(CAMERA, away, head.vertices)
+        picture = drawn_picture(renderer, CAMERA, away, head.vertices)
         np.testing.assert_allclose(picture.astype(int), still, atol=1)
 
 
@@ -203,7 +204,7 @@ def test_opacity_blends_the_head_over_the_background() -> None:
         u, v = np.linspace(-0.5, 319.5, 3), np.linspace(-0.5, 239.5, 3)
         still = np.full((240, 320, 3), (40, 60, 80), dtype=np.uint8)
         renderer.set_background(still, np.stack(np.meshgrid(u, v), -1))
-        picture = renderer.draw(CAMERA, AHEAD, quad.vertices)
+        picture = drawn_picture(renderer, CAMERA, AHEAD, quad.vertices)
     np.testing.assert_allclose(picture[120, 160].astype(int), (80, 70, 70), atol=1)
     np.testing.assert_array_equal(picture[5, 5], (40, 60, 80))
 
@@ -219,7 +220,7 @@ def test_skin_hides_the_inside_of_the_head_even_where_it_is_transparent() -> Non
         shown = replace(quad, opacity=np.repeat([opacity, 1.0], 4), parts=parts)
         with Renderer(CAMERA.width, CAMERA.height, shown) as renderer:
             renderer.set_texture(atlas)
-            picture = renderer.draw(CAMERA, AHEAD, shown.vertices)
+            picture = drawn_picture(renderer, CAMERA, AHEAD, shown.vertices)
         assert abs(int(picture[120, 160, 0]) - expected) <= 1
 
 
@@ -231,7 +232,7 @@ def test_only_the_inside_of_the_mouth_is_darkened() -> None:
     with Renderer(CAMERA.width, CAMERA.height, mouth) as renderer:
         renderer.set_texture(np.full((8, 8, 3), 200, dtype=np.uint8))
         for light, expected in ((0.5, 100), (None, 200)):
-            picture = renderer.draw(CAMERA, AHEAD, mouth.vertices, mouth_shading=light)
+            picture = drawn_picture(renderer, CAMERA, AHEAD, mouth.vertices, mouth_shading=light)
             assert abs(int(picture[120, 143, 0]) - 200) <= 1
             assert abs(int(picture[120, 176, 0]) - expected) <= 1
 
@@ -239,10 +240,10 @@ def test_only_the_inside_of_the_mouth_is_darkened() -> None:
 def test_the_same_frame_is_drawn_the_same_twice(renderer: Renderer, head: Head) -> None:
     atlas = np.random.default_rng(4).integers(0, 256, (64, 64, 3), dtype=np.uint8)
     renderer.set_texture(atlas)
-    first = renderer.draw(CAMERA, AHEAD, head.vertices)
-    other = renderer.draw(CAMERA, ASKEW, head.vertices)
+    first = drawn_picture(renderer, CAMERA, AHEAD, head.vertices)
+    other = drawn_picture(renderer, CAMERA, ASKEW, head.vertices)
     assert not np.array_equal(first, other)
-    np.testing.assert_array_equal(renderer.draw(CAMERA, AHEAD, head.vertices), first)
+    np.testing.assert_array_equal(drawn_picture(renderer, CAMERA, AHEAD, head.vertices), first)
 
 
 @pytest.mark.parametrize("pitch_deg", [-20, 0, 25])
@@ -255,19 +256,19 @@ def test_the_inside_of_a_closed_mouth_shows_nowhere(pitch_deg: float) -> None:
     atlas[top:] = 0, 0, 255
     with Renderer(CAMERA.width, CAMERA.height, head) as renderer:
         renderer.set_texture(atlas)
-        picture = renderer.draw(CAMERA, pose, head.vertices, expansion_px=0.7).astype(int)
+        picture = drawn_picture(renderer, CAMERA, pose, head.vertices, expansion_px=0.7).astype(int)
     shown = picture[..., 2] > picture[..., 0] + 60
     assert (picture > 150).any() and shown.sum() <= 12
 
 
 def test_two_renderers_do_not_disturb_each_other(renderer: Renderer, head: Head) -> None:
     renderer.set_texture(np.full((8, 8, 3), 255, dtype=np.uint8))
-    first = renderer.draw(CAMERA, AHEAD, head.vertices)
+    first = drawn_picture(renderer, CAMERA, AHEAD, head.vertices)
     with Renderer(64, 48, head) as other:
         other.set_texture(np.full((8, 8, 3), 9, dtype=np.uint8))
-        other.draw(Camera(64, 48, 70.0), AHEAD, head.vertices)
-        np.testing.assert_array_equal(renderer.draw(CAMERA, AHEAD, head.vertices), first)
-    np.testing.assert_array_equal(renderer.draw(CAMERA, AHEAD, head.vertices), first)
+        drawn_picture(other, Camera(64, 48, 70.0), AHEAD, head.vertices)
+        np.testing.assert_array_equal(drawn_picture(renderer, CAMERA, AHEAD, head.vertices), first)
+    np.testing.assert_array_equal(drawn_picture(renderer, CAMERA, AHEAD, head.vertices), first)
 
 
 def test_shaded_head_shows_its_silhouette_and_white_eyes(renderer: Renderer, head: Head) -> None:
@@ -282,14 +283,14 @@ def test_shaded_head_shows_its_silhouette_and_white_eyes(renderer: Renderer, hea
 
 def test_misuse_is_named(renderer: Renderer, head: Head) -> None:
     with pytest.raises(ValueError, match="no texture"):
-        renderer.draw(CAMERA, AHEAD, head.vertices)
+        drawn_picture(renderer, CAMERA, AHEAD, head.vertices)
     with pytest.raises(ValueError, match="atlas is float64"):
         renderer.set_texture(np.zeros((8, 8, 3)))  # type: ignore[arg-type]
     renderer.set_texture(np.zeros((8, 8, 3), dtype=np.uint8))
     with pytest.raises(ValueError, match="vertices have shape"):
-        renderer.draw(CAMERA, AHEAD, head.vertices[:5])
+        drawn_picture(renderer, CAMERA, AHEAD, head.vertices[:5])
     with pytest.raises(ValueError, match="camera is 9x9"):
-        renderer.draw(Camera(9, 9, 9.0), AHEAD, head.vertices)
+        drawn_picture(renderer, Camera(9, 9, 9.0), AHEAD, head.vertices)
 
 
 def test_missing_egl_tells_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from sounds import voiced_sound
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
-from encoder.sound.open_voice import chosen_voice
+from encoder.sound.recorded_speech import chosen_voice
 from loopback.process_pair import free_port
 from protocol.summary import summarise
 from risorius.cli import main

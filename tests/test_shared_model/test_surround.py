@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from drawn_heads import drawn_picture
 
 from decoder.rendering.renderer import Renderer
 from shared_model.animate import Face, identity_from_controls
@@ -104,7 +105,7 @@ def test_nothing_behind_shows_within_the_outline(pitch_deg: float, yaw_deg: floa
     face = Face(HEAD, identity_from_controls(HEAD, np.zeros(len(AAUS)), control_mm))
     with Renderer(480, 480, HEAD) as renderer:
         renderer.set_texture(np.full((64, 64, 3), 255, np.uint8))
-        picture = renderer.draw(Camera(480, 480, 900.0), pose, face.animate(eau))
+        picture = drawn_picture(renderer, Camera(480, 480, 900.0), pose, face.animate(eau))
     behind = (picture[..., 0] < 128).astype(np.uint8)
     count, _ = cv2.connectedComponents(behind, connectivity=4)
     # The drawn head, and one region around it.

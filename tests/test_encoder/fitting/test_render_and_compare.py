@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from drawn_heads import drawn_picture
 from shots import Shots, whole
 
 from decoder.rendering.renderer import Renderer
@@ -37,7 +38,7 @@ def picture_of(shots: Shots, face: FaceParameters) -> Picture:
     grey = np.clip(np.rint(worn), 0, 255).astype(np.uint8)
     with Renderer(camera.width, camera.height, shots.face.head) as renderer:
         renderer.set_texture(np.repeat(grey[..., None], 3, 2))
-        return renderer.draw(camera, face.pose, shots.face.animate(face.eau))
+        return drawn_picture(renderer, camera, face.pose, shots.face.animate(face.eau))
 
 
 def astray(face: FaceParameters) -> FaceParameters:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from drawn_heads import drawn_picture
 from numpy.random import default_rng
 
 from decoder.rendering.renderer import Renderer
@@ -75,7 +76,7 @@ def film() -> list[tuple[Picture, FaceParameters]]:
     face, shots = Face(HEAD, identity_from_controls(HEAD, np.zeros(len(AAUS)), CONTROL)), []
     for pitch, yaw in ANGLES:
         shown = FaceParameters(pose_from_euler(pitch, yaw, 0, PLACE))
-        drawn = renderer.draw(CAMERA, shown.pose, face.animate(shown.eau))
+        drawn = drawn_picture(renderer, CAMERA, shown.pose, face.animate(shown.eau))
         noisy = drawn + random.normal(0, 2, drawn.shape)
         shots.append((luma_u8(np.clip(np.rint(noisy), 0, 255).astype(np.uint8)), shown))
     renderer.close()
