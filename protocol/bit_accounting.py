@@ -198,7 +198,7 @@ def component_bits(
 ) -> Array:
     """(n,) ideal bits of each component in a payload; advances the predictor.
 
-    Raises `ProtocolError` as `decode_payload` does.
+    Raises `ProtocolError` as `parse_payload` does.
     """
     packet = parse_payload(predictor, sequence, nominal_frames, payload)
     coder, bits, before = _IdealLengthCoder(), np.zeros(predictor.component_count), 0.0

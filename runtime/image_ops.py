@@ -1,4 +1,4 @@
-"""Operations on images that know nothing of faces."""
+"""Operations on images of any content."""
 
 from typing import Any
 

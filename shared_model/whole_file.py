@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all: beside their place, then renamed."""
+"""Writes a file whole or not at all: under another name first, which is then changed."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

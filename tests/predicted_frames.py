@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from protocol.frames.payload_coding import PayloadHeader, encode_payload
+from protocol.frames.payload_coding import PayloadHeader, encode_payload, parse_payload
 from protocol.frames.temporal_prediction import (
     MAX_SCALE_CODE,
     PREDICTION_KINDS,
@@ -67,3 +67,15 @@ def packets(seed: int, count: int) -> list[tuple[int, bytes, Integers]]:
         part = frames[1 + NOMINAL_FRAMES * (number - 1) : 1 + NOMINAL_FRAMES * number]
         call.append((sequence, *send(sender, sequence, part)))
     return call
+
+
+def decode_payload(
+    predictor: FramePredictor, sequence: int, nominal_frames: int, payload: bytes
+) -> list[Integers]:
+    """The frames (n,) of a payload, in order of time; the last becomes the predictor's anchor.
+
+    Raises `ProtocolError` if no encoder makes the payload.
+    """
+    parsed = parse_payload(predictor, sequence, nominal_frames, payload)
+    predictor.anchor = parsed.frames[-1]
+    return parsed.frames

@@ -1,4 +1,4 @@
-"""When packets are expected, from when those before them came."""
+"""Expected arrival times of packets, from the arrivals of earlier ones."""
 
 from collections import deque
 from statistics import median

@@ -1,9 +1,9 @@
-"""The colour of a caller's texture where what was sent of it does not tell.
+"""Colours of a texture, completed from its luma where no mode has sent them.
 
 At a few hundred bytes a mode holds hardly more than luma.  Taken as grey, it would leave a lid that
-closes over a dark eye grey, and what comes into the light blue or green.  Light and relief change
-the colour of skin and hair in proportion to their luma: so is completed what a mode says nothing
-about, and a texture of mean and modes takes no colour that the mean does not have nearby.  Luma
+closes over a dark eye grey, and skin that comes into the light blue or green.  Light and relief
+change the colour of skin and hair in proportion to their luma.  So colours that a mode lacks follow
+its luma, and a texture of mean and modes takes no colour that the mean does not have nearby.  Luma
 stays as it was sent.
 """
 

@@ -1,8 +1,8 @@
-"""A camera whose frames are counted by the clock: who is slow misses some, and time goes on.
+"""A camera whose frames are numbered by the clock: a slow encoder misses some of them.
 
 A thread or another program puts each frame into a mailbox; the encoder takes the newest.  The index
-of a frame is the time at which it was taken, in periods of the frame rate: after frames that nobody
-took, or that the camera left out in the dark, it goes on where the clock is.
+of a frame is the time at which it was taken, in periods of the frame rate.  So indices are skipped
+for frames that the encoder did not take, or that the camera left out in the dark.
 """
 
 import time

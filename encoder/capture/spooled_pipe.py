@@ -1,4 +1,4 @@
-"""What comes through a pipe, as a file: for who has to read it twice."""
+"""Copies a pipe into a file, for an encoder that reads its source twice."""
 
 import shutil
 import sys

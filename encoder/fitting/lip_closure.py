@@ -1,4 +1,4 @@
-"""Constraint that the lips meet at rest, which one frame with an open mouth cannot show."""
+"""The constraint that the lips meet at rest, for frames in which the mouth is open."""
 
 import numpy as np
 

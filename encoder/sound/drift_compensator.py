@@ -1,4 +1,4 @@
-"""Keeps the sound of a sound card on the clock of the pictures, which runs beside its own."""
+"""Resamples a microphone's sound from the clock of its sound card to the clock of the camera."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Runs another program that reads a stream of bytes and says what it has found."""
+"""Runs a judge's program: bytes to its standard input, its findings from its standard output."""
 
 import subprocess
 import threading

@@ -99,22 +99,13 @@ def code_payload_stepwise(
         magnitudes[frame.index] = np.abs(residuals)
 
 
-def decode_payload(
-    predictor: FramePredictor, sequence: int, nominal_frames: int, payload: bytes
-) -> list[Integers]:
-    """The frames (n,) of a payload, in order of time; the last becomes the predictor's anchor.
-
-    Raises `ProtocolError` if no encoder makes the payload.
-    """
-    parsed = parse_payload(predictor, sequence, nominal_frames, payload)
-    predictor.anchor = parsed.frames[-1]
-    return parsed.frames
-
-
 def parse_payload(
     predictor: FramePredictor, sequence: int, nominal_frames: int, payload: bytes
 ) -> ParsedPayload:
-    """Decode a payload as `decode_payload` does and leave the predictor unchanged."""
+    """Decode a payload; the predictor stays as it is: the last frame is its next anchor.
+
+    Raises `ProtocolError` if no encoder makes the payload.
+    """
     coder = RangeDecoder(payload)
     try:
         expected = PayloadHeader(0, nominal_frames)

@@ -1,7 +1,7 @@
-"""What Zenoh is told about who may do what at a relay.
+"""The access list of a relay, in the form that Zenoh takes.
 
-`call_keys` says what carries a call: one key what its caller sends, another what its viewers send
-back.  Certificates tell the peers apart; whoever is on no list can do nothing.
+A call has two keys, see `call_keys`: its caller sends on one, its viewers on the other.
+Certificates tell the peers apart; a peer on no list can do nothing.
 """
 
 from collections.abc import Iterable

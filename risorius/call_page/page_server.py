@@ -51,6 +51,7 @@ SoundCallback = Callable[[SoundMessage], None]
 class PageServer:
     """Serves one call's page on this host while it is open; used in one event loop.
 
+    audience: all pages and programs that watch: what they are shown goes to it.
     on_command: called with each command of a page; its `kind` is a string.
     on_camera, on_sound: called with each picture of a page's camera and each piece of sound of its
         microphone; of several pages one gives these at a time.  None: there are none.
@@ -104,22 +105,6 @@ class PageServer:
         # A stream ends after the picture that is on its way.
         self.audience.end()
         await self._site.close()
-
-    def show(self, picture: PictureMessage) -> None:
-        """Send a picture to all pages."""
-        self.audience.show(picture)
-
-    def show_face(self, face: FaceMessage) -> None:
-        """Send a face to the pages that draw."""
-        self.audience.show_face(face)
-
-    def show_model(self, model: ModelMessage) -> None:
-        """Send a model to the pages that draw."""
-        self.audience.show_model(model)
-
-    def play(self, sound: SoundMessage) -> None:
-        """Send a piece of sound to all pages."""
-        self.audience.play(sound)
 
     def tell(self, kind: str, **content: Any) -> None:
         """Send a state to all pages, see `Audience.tell`."""

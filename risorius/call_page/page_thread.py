@@ -57,20 +57,20 @@ class PageThread:
         message = PictureMessage(
             Stream.OTHER, index, time_s, 1000 * time.time(), jpeg, frozen, lost
         )
-        self._loop.call(self._server.show, message)
+        self._loop.call(self._server.audience.show, message)
 
     def show_face(self, face: FaceMessage) -> None:
         """Show a face on pages that draw."""
-        self._loop.call(self._server.show_face, face)
+        self._loop.call(self._server.audience.show_face, face)
 
     def show_model(self, model: ModelMessage) -> None:
         """Give pages that draw a model."""
-        self._loop.call(self._server.show_model, model)
+        self._loop.call(self._server.audience.show_model, model)
 
     def play(self, time_s: float, rate_hz: int, samples: Samples) -> None:
         """Play a voice, (n,) int16 at `rate_hz`; time_s: of its first sample in the source."""
         message = SoundMessage(Stream.VOICE, rate_hz, time_s, 0.0, samples.tobytes())
-        self._loop.call(self._server.play, message)
+        self._loop.call(self._server.audience.play, message)
 
     def tell(self, kind: str, **content: Any) -> None:
         """Tell the page a state, see `PageServer.tell`."""

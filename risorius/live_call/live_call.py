@@ -272,7 +272,7 @@ class _LiveCall:
             sound = SoundMessage(
                 Stream.VOICE, message.rate_hz, message.time_s, 0.0, message.samples
             )
-            self._page.play(sound)
+            self._page.audience.play(sound)
         elif isinstance(message, Receiving):
             self._status.receiving = message
             if message.presence is Presence.LEFT:
@@ -286,13 +286,13 @@ class _LiveCall:
     def _show(self, stream: Stream, message: Drawn | ShownFace | ShownModel) -> None:
         """Hand a picture, a face or a model on to the pages."""
         if isinstance(message, ShownModel):
-            self._page.show_model(ModelMessage(stream, message.number, message.packet))
+            self._page.audience.show_model(ModelMessage(stream, message.number, message.packet))
         elif isinstance(message, ShownFace):
             shown = _picture(stream, message, b"")
             face = message.model, message.presence, message.values
-            self._page.show_face(FaceMessage(shown, *face))
+            self._page.audience.show_face(FaceMessage(shown, *face))
         else:
-            self._page.show(_picture(stream, message, message.jpeg))
+            self._page.audience.show(_picture(stream, message, message.jpeg))
 
     def _tell(self) -> None:
         """Tell how the call goes; the ends part one after the other when it is over."""

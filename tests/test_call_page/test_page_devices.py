@@ -51,7 +51,9 @@ class Page:
 
     def show(self, stream: Stream, index: int, jpeg: bytes) -> None:
         async def work() -> None:
-            self.server.show(PictureMessage(stream, index, index / 25, 1000 * time.time(), jpeg))
+            self.server.audience.show(
+                PictureMessage(stream, index, index / 25, 1000 * time.time(), jpeg)
+            )
 
         self._run(work())
 

@@ -51,7 +51,7 @@ def test_each_page_gets_pictures_and_states_and_a_late_one_the_newest() -> None:
         page.tell("state", text="hello")
         assert await first.receive_json() == {"kind": "state", "text": "hello"}
         for index in range(3):
-            page.show(picture(index))
+            page.audience.show(picture(index))
             assert parse_picture(await first.receive_bytes()) == picture(index)
         second = await websocket(page, client)
         assert (await second.receive_json())["text"] == "hello"
@@ -83,8 +83,8 @@ def test_other_programs_get_the_other_persons_pictures_as_motion_jpeg() -> None:
     async def test(page: PageServer, client: Any) -> None:
         async with client.get(page.address + "stream.mjpg") as answer:
             assert answer.content_type == "multipart/x-mixed-replace"
-            page.show(picture(7, Stream.SELF))
-            page.show(picture(8))
+            page.audience.show(picture(7, Stream.SELF))
+            page.audience.show(picture(8))
             head = await answer.content.readuntil(b"\r\n\r\n")
             assert b"image/jpeg" in head and b"Content-Length: 3" in head
             assert await answer.content.readexactly(3) == picture(8).jpeg
@@ -106,7 +106,7 @@ def test_who_comes_from_elsewhere_or_guesses_gets_nothing(
     path: str, headers: dict[str, str]
 ) -> None:
     async def test(page: PageServer, client: Any) -> None:
-        page.show(picture(1))
+        page.audience.show(picture(1))
         async with client.get(page.address + path, headers=headers) as answer:
             assert answer.status == 403 and len(await answer.read()) < 60
 

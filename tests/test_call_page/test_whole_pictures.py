@@ -55,7 +55,7 @@ def test_a_picture_on_its_way_when_the_call_ends_is_whole() -> None:
             await page.open(0)
             async with client.get(page.address + "stream.mjpg") as answer:
                 for index in range(COUNT):
-                    page.show(PictureMessage(Stream.OTHER, index, index / 25, 0, noise))
+                    page.audience.show(PictureMessage(Stream.OTHER, index, index / 25, 0, noise))
                 first = await answer.content.readexactly(len(noise) // 2)
                 closing = asyncio.create_task(page.close())
                 # Raises an error of the client if the stream is cut off.

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from call_contents import packets_of
 from conftest import LIVE_MODEL_BYTES, without_layers
+from predicted_frames import decode_payload
 from videos import read_frames
 
 from decoder.pipeline import DecodeOptions, decode
@@ -25,7 +26,6 @@ from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from protocol.call_file import MAGIC
 from protocol.call_records import serialise_records
-from protocol.frames.payload_coding import decode_payload
 from protocol.frames.temporal_prediction import FramePredictor
 from protocol.frames.transform_coding import parse_transform, serialise_transform
 from protocol.model_packet import ModelPacket

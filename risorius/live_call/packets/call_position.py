@@ -1,4 +1,4 @@
-"""Where the newest packet of a call under way belongs, and what a file needs that begins there."""
+"""The place of the newest packet in its call, and what a file from there on begins with."""
 
 from collections import deque
 

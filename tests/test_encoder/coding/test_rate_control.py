@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from predicted_frames import decode_payload
 
 from encoder.coding.rate_control import (
     QUALITIES,
@@ -17,7 +18,6 @@ from encoder.coding.rate_control import (
 )
 from encoder.coding.rdo_quantiser import CodedPacket
 from encoder.coding.transform import estimate_scales
-from protocol.frames.payload_coding import decode_payload
 from protocol.frames.temporal_prediction import STEPS_PER_UNIT, FramePredictor
 from protocol.limits import SEQUENCE_MODULUS
 

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from predicted_frames import decode_payload
 
 from encoder.coding import rdo_quantiser as quantiser
 from encoder.coding.rdo_quantiser import LAGRANGIAN, code_packet
-from protocol.frames.payload_coding import decode_payload, parse_payload
+from protocol.frames.payload_coding import parse_payload
 from protocol.frames.temporal_prediction import (
     ANCHOR,
     PREDICTION_KINDS,

@@ -7,12 +7,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from predicted_frames import NOMINAL_FRAMES, RESERVED, SCALE_CODES, packets, predictor, send, walk
+from predicted_frames import (
+    NOMINAL_FRAMES,
+    RESERVED,
+    SCALE_CODES,
+    decode_payload,
+    packets,
+    predictor,
+    send,
+    walk,
+)
 
 from protocol.entropy.integer_codes import code_bits
 from protocol.entropy.range_coder import RangeEncoder
 from protocol.errors import ProtocolError
-from protocol.frames.payload_coding import decode_payload
 from protocol.frames.temporal_prediction import (
     ANCHOR,
     MAX_VALUE,
