@@ -17,8 +17,9 @@ from shared_model.errors import UserError
 SCHEMES = ("tcp", "udp", "tls", "quic", "ws")
 # Both ends show a certificate.
 CERTIFIED_SCHEMES = ("tls", "quic")
-# A line between two devices, instead of a network.
-SERIAL, DEFAULT_BAUD = "serial", 115200
+# Of what connects two devices without a network, each with a carrier of its own, see
+# `link.carriers`.
+DEVICE_SCHEMES = ("serial",)
 # Tried in this order.
 DEFAULT_SCHEMES = ("udp", "tcp")
 ANY_HOST = "0.0.0.0"
@@ -31,15 +32,18 @@ _ENDPOINT = re.compile(
     rf"((?P<scheme>{'|'.join(SCHEMES)})/)?(?P<host>\[[0-9A-Fa-f:.]+\]|[^\s:/?#@\[\]]*)"
     r"(:(?P<port>\d{1,5}))?(?P<options>(\?[^\s#]*)?(#\S*)?)"
 )
-_SERIAL = re.compile(rf"{SERIAL}/(?P<device>[^\s?]+)(?P<options>\?baud=[1-9]\d{{0,7}})?")
+_DEVICE = re.compile(
+    rf"(?P<scheme>{'|'.join(DEVICE_SCHEMES)})/(?P<device>[^\s?]+)"
+    r"(?P<options>\?[a-z]+=[1-9]\d{0,7})?"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
     """One endpoint.
 
-    scheme: None: any of `DEFAULT_SCHEMES`.  host: an IPv6 address without brackets; of a serial
-        line its device.
+    scheme: None: any of `DEFAULT_SCHEMES`.  host: an IPv6 address without brackets; of a
+        `DEVICE_SCHEMES` the device.
     options: as Zenoh has them, with ? or # in front; empty: none.
     """
 
@@ -51,7 +55,7 @@ class Endpoint:
     @property
     def address(self) -> str:
         """HOST:PORT, or a device."""
-        if self.is_serial:
+        if self.is_device:
             return self.host
         return f"{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
 
@@ -69,17 +73,12 @@ class Endpoint:
     @property
     def is_reliable(self) -> bool:
         """Whether nothing is lost on the way and the set-up repeats itself."""
-        return self.scheme not in ("udp", SERIAL) or "rel=1" in self.options
+        return self.scheme not in ("udp", *DEVICE_SCHEMES) or "rel=1" in self.options
 
     @property
-    def is_serial(self) -> bool:
-        """Whether it is a serial line."""
-        return self.scheme == SERIAL
-
-    @property
-    def baud(self) -> int:
-        """Of a serial line, bits per second."""
-        return int(self.options.partition("=")[2] or DEFAULT_BAUD)
+    def is_device(self) -> bool:
+        """Whether it is no place in a network."""
+        return self.scheme in DEVICE_SCHEMES
 
     @property
     def is_quic(self) -> bool:
@@ -88,8 +87,8 @@ class Endpoint:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this host can reach it, or who is at the other end of a serial line."""
-        if self.is_serial or self.host == "localhost":
+        """Whether only this host can reach it, or the device at the other end of a line."""
+        if self.is_device or self.host == "localhost":
             return True
         try:
             return ip_address(self.host).is_loopback
@@ -111,8 +110,8 @@ def parse_endpoint(text: str) -> Endpoint:
 
     Raises `UserError` if it is none.
     """
-    if serial := _SERIAL.fullmatch(text):
-        return Endpoint(SERIAL, serial["device"], 0, serial["options"] or "")
+    if device := _DEVICE.fullmatch(text):
+        return Endpoint(device["scheme"], device["device"], 0, device["options"] or "")
     parts = _ENDPOINT.fullmatch(text)
     if parts is None or not text:
         raise UserError(
@@ -128,7 +127,7 @@ def parse_endpoint(text: str) -> Endpoint:
 def parse_remote_endpoint(text: str) -> Endpoint:
     """The endpoint to connect to.  Raises `UserError` if nobody can be there."""
     endpoint = parse_endpoint(text)
-    if endpoint.is_serial:
+    if endpoint.is_device:
         return endpoint
     if not endpoint.port:
         raise UserError(f"endpoint {text!r}: nobody listens on port 0")

@@ -1,4 +1,4 @@
-"""Chooses what carries a call: Zenoh, or a serial line."""
+"""Chooses what carries a call: Zenoh, or a device of a scheme of its own."""
 
 from functools import partial
 
@@ -18,16 +18,18 @@ def carrier_factory(options: LinkOptions, role: Role, say: MessageCallback) -> C
     Raises `UserError` if it would have to be two things at once.
     """
     places = [parse_endpoint(text) for text in (*options.listen, *options.connect)]
-    # Each is loaded where used: the other one needs no such library.
-    if not any(place.is_serial for place in places):
+    device = next((place for place in places if place.is_device), None)
+    # Each is loaded where used: the other ones need no such library.
+    if device is None:
         from protocol.link.zenoh_link import ZenohCarrier
 
         return partial(ZenohCarrier, options, role, say)
     if len(places) > 1:
-        raise UserError("a serial line goes alone: name no other endpoint")
+        raise UserError(f"a {device.scheme} line goes alone: name no other endpoint")
+    # The carrier of the one scheme of `DEVICE_SCHEMES`; another one is chosen here.
     from protocol.link.serial_carrier import SerialCarrier
 
-    return partial(SerialCarrier, places[0], bool(options.listen))
+    return partial(SerialCarrier, device, bool(options.listen))
 
 
 def open_link_sink(options: LinkOptions, say: MessageCallback = ignore_message) -> LinkSink:

@@ -135,7 +135,7 @@ def check_listening(endpoints: Iterable[str]) -> None:
     """Raise `UserError` with exit code 4 if an end could not listen on one of the endpoints."""
     for text in endpoints:
         for place in parse_endpoint(text).choices:
-            if place.is_serial:
+            if place.is_device:
                 continue
             kind = socket.SOCK_DGRAM if place.scheme in DATAGRAM_SCHEMES else socket.SOCK_STREAM
             reason = why_not_bound(place.host, place.port, kind)

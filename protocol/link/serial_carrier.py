@@ -23,6 +23,7 @@ MAX_WAITING = 64
 # A payload that is longer is noise without a zero in it.
 MAX_PAYLOAD_BYTES = 1 << 16
 READ_S, CLOSING_S = 0.1, 1.0
+DEFAULT_BAUD = 115200
 
 
 class SerialCarrier:
@@ -32,7 +33,8 @@ class SerialCarrier:
     """
 
     def __init__(self, endpoint: Endpoint, is_listening: bool, service: LinkService) -> None:
-        self._endpoint, self._post = endpoint, service.post
+        self._device, self._baud = endpoint.host, baud_of(endpoint)
+        self._post = service.post
         self._line: serial.Serial | None = None
         self._connection = LISTENING  # the newest, which what comes is of
         self._waiting: queue.Queue[bytes | None] = queue.Queue(MAX_WAITING)
@@ -41,7 +43,7 @@ class SerialCarrier:
             try:
                 self._begin()
             except (OSError, ValueError) as error:
-                where = f"cannot listen on {endpoint.host}"
+                where = f"cannot listen on {self._device}"
                 raise UserError(f"{where}: {reason(error)}", LINK_FAILED) from error
 
     def open(self, connection: int, endpoint: Endpoint) -> None:
@@ -88,9 +90,7 @@ class SerialCarrier:
         line.close()
 
     def _begin(self) -> None:
-        self._line = line = serial.serial_for_url(
-            self._endpoint.host, self._endpoint.baud, timeout=READ_S
-        )
+        self._line = line = serial.serial_for_url(self._device, self._baud, timeout=READ_S)
         self._threads = [
             threading.Thread(target=work, args=(line,), daemon=True)
             for work in (self._read, self._write)
@@ -120,6 +120,14 @@ class SerialCarrier:
         """The line has ended: it was pulled out."""
         if self._line is line:
             self._line = None
+
+
+def baud_of(endpoint: Endpoint) -> int:
+    """The bits per second of a line.  Raises `UserError` if its option is another one."""
+    name, _, value = endpoint.options.removeprefix("?").partition("=")
+    if name not in ("", "baud"):
+        raise UserError(f"endpoint serial/{endpoint.host}{endpoint.options}: expected ?baud=RATE")
+    return int(value or DEFAULT_BAUD)
 
 
 def stuffed(payload: bytes) -> bytes:

@@ -197,8 +197,8 @@ def _why_open(request: LinkRequest) -> str:
     if request.insecure:
         return "--insecure"
     places = map(parse_endpoint, (*request.listen, *request.connect))
-    where = "serial line" if any(place.is_serial for place in places) else "host"
-    return f"it stays on this {where}"
+    device = next((place for place in places if place.is_device), None)
+    return f"it stays on this {'host' if device is None else f'{device.scheme} line'}"
 
 
 def _check_open(request: LinkRequest, connect: tuple[str, ...]) -> None:
@@ -262,7 +262,7 @@ def _new_invitation(request: LinkRequest, listen: Sequence[Endpoint], tell: Say)
 
     # On a loopback address one is made if a file is named for it.
     place = next((place for place in listen if not place.is_loopback), listen[0])
-    if not place.port and not place.is_serial:
+    if not place.port and not place.is_device:
         raise UserError("name a port to listen on: the invitation has to tell it")
     host = address_for_others() if place.is_any else place.host
     if host is None:

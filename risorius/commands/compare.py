@@ -113,10 +113,6 @@ def _call_figures(call: str | None) -> dict[str, Any]:
     summary = summarise(Path(call))
     size = Path(call).stat().st_size
     return {
-        "voice_estoi": "ESTOI of the voice",
-        "voice_late_ms": "  by how much it is late, ms",
-        "voice_dnsmos": "DNSMOS of the voice",
-        "source_dnsmos": "  of the source",
         "call_bytes": size,
         "model_bytes": summary.model_bytes,
         "frame_bps": rounded(summary.frame_bps, 1),

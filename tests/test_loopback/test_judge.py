@@ -230,14 +230,15 @@ def test_a_judge_that_fails_says_why(tmp_path: Path) -> None:
 
 
 def test_the_command_prints_a_table_or_json(
-    carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    carphone: Path, call: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ["compare", str(carphone), str(carphone), "--max-frames", "4"]
     assert main(arguments) == 0
     assert "PSNR of the picture, dB" in capsys.readouterr().out
-    assert main([*arguments, "--json"]) == 0
+    assert main([*arguments, "--json", "--call", str(call)]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["frames"] == 4 and figures["full_ssim"] == 1
+    assert figures["call_bytes"] == call.stat().st_size and not figures.get("voice_estoi")
     other = write(tmp_path / "b.mkv", [np.zeros((40, 40, 3), np.uint8)])
     assert main(["compare", str(carphone), other]) == 2
     assert "40x40" in capsys.readouterr().err

@@ -9,14 +9,14 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from serial_lines import serial_line
 
-from protocol.endpoint import DEFAULT_BAUD, parse_endpoint, parse_remote_endpoint
+from protocol.endpoint import parse_endpoint, parse_remote_endpoint
 from protocol.link.carriers import carrier_factory, open_link_sink, open_link_source
 from protocol.link.connection import Carrier, Event, Failed, Opened
 from protocol.link.endpoints import Failure, check_listening
 from protocol.link.interface import LinkOptions
 from protocol.link.link_service import LinkService
 from protocol.link.messages import Role
-from protocol.link.serial_carrier import SerialCarrier, stuffed, unstuffed
+from protocol.link.serial_carrier import DEFAULT_BAUD, SerialCarrier, baud_of, stuffed, unstuffed
 from protocol.link.zenoh_link import ZenohCarrier
 from protocol.packets import ControlKind, ControlPacket, serialise
 from shared_model.errors import UserError
@@ -42,14 +42,16 @@ def test_damaged_bytes_are_a_payload_or_nothing(data: bytes) -> None:
 
 def test_an_endpoint_may_be_a_serial_line() -> None:
     plain, slow = parse_endpoint("serial//dev/ttyUSB0"), parse_endpoint("serial/COM3?baud=9600")
-    assert (plain.host, plain.baud, plain.address) == ("/dev/ttyUSB0", DEFAULT_BAUD, plain.host)
-    assert (slow.host, slow.baud) == ("COM3", 9600)
-    assert plain.is_serial and plain.is_loopback and not plain.is_reliable
+    assert (plain.host, baud_of(plain), plain.address) == ("/dev/ttyUSB0", DEFAULT_BAUD, plain.host)
+    assert (slow.host, baud_of(slow)) == ("COM3", 9600)
+    assert plain.is_device and plain.is_loopback and not plain.is_reliable
     assert parse_remote_endpoint("serial/COM3") == parse_endpoint("serial/COM3")
     check_listening(["serial/COM3"])
     for wrong in ("serial/", "serial/COM3?baud=fast", "serial/a b"):
         with pytest.raises(UserError, match="serial/DEVICE"):
             parse_endpoint(wrong)
+    with pytest.raises(UserError, match=r"expected \?baud=RATE"):
+        baud_of(parse_endpoint("serial/COM3?speed=9"))
 
 
 def test_packets_go_over_the_line_though_noise_comes_first() -> None:
