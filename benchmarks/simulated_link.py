@@ -54,7 +54,7 @@ def sent_packets(path: Path) -> list[SentPacket]:
             packet = parse_packet(data)
             face = voice.receive(packet)
             if face is not None:
-                playout.receive_packet(face)
+                playout.receive(face)
             if isinstance(packet, FramePacket):
                 # One without a face has a number like all others.
                 following = number + (packet.sequence - number) % SEQUENCE_MODULUS + 1

@@ -18,4 +18,4 @@ def packets_of(path: Path) -> list[Packet]:
 
 def played(path: Path) -> list[PlayoutFrame]:
     playout = Playout()
-    return [frame for data in raw_packets(path) for frame in playout.receive(data)]
+    return [frame for data in raw_packets(path) for frame in playout.receive(parse_packet(data))]

@@ -6,7 +6,7 @@ from decoder.playout.playout import Playout, PlayoutFrame
 from protocol.call_parameters import CallParameters
 from protocol.frames.scalar_quantiser import encode_thesis
 from protocol.model_packet import ModelPacket
-from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
+from protocol.packets import ControlKind, ControlPacket, FramePacket, parse_packet, serialise
 from shared_model.geometry import pose_from_euler
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS, FaceParameters, Pose
 
@@ -38,7 +38,7 @@ def control(kind: ControlKind, frame: int) -> bytes:
 
 def play(packets: list[bytes], playout: Playout | None = None) -> list[PlayoutFrame]:
     playout = playout or Playout()
-    return [frame for data in packets for frame in playout.receive(data)]
+    return [frame for data in packets for frame in playout.receive(parse_packet(data))]
 
 
 def jaw(frames: list[PlayoutFrame]) -> list[float]:

@@ -11,6 +11,7 @@ from decoder.playout.playout import Playout
 from protocol.frames.payload_coding import parse_payload
 from protocol.frames.temporal_prediction import MAX_SCALE_CODE, FramePredictor
 from protocol.model_packet import ModelPacket
+from protocol.packets import parse_packet
 from protocol.pictures.foreground_mask import parse_background
 from protocol.pictures.layered_background import is_layered
 from protocol.pictures.picture_codec import decode_picture, parse_picture_header
@@ -23,7 +24,7 @@ def expected(packets: list[bytes]) -> dict[str, Any]:
     """What a decoder finds in a call."""
     playout, frames, models = Playout(), [], []
     for packet in packets:
-        for frame in playout.receive(packet):
+        for frame in playout.receive(parse_packet(packet)):
             face = frame.face
             frames.append(
                 {

@@ -58,7 +58,7 @@ class EncoderSession:
         if self._at_once:
             packet, number = self._at_once.popleft()
             face = self.voice.receive(packet, number)
-            return [] if face is None else self.playout.receive_packet(face, number)
+            return [] if face is None else self.playout.receive(face, number)
         while self._early and self.playout.model is not None:
             self._put_in_order(self._early.popleft())
         if not self._buffer.is_ready(now_s):
@@ -67,7 +67,7 @@ class EncoderSession:
         if item.packet is None:
             return []
         try:
-            return self.playout.receive_packet(item.packet, item.number)
+            return self.playout.receive(item.packet, item.number)
         finally:
             self._buffer.is_idle = self.playout.is_frozen
 

@@ -26,7 +26,6 @@ from protocol.packets import (
     FramePacket,
     LayerPacket,
     Packet,
-    parse_packet,
 )
 from protocol.picture_residual.residual_block import CodedResidual
 from shared_model.geometry import interpolate
@@ -108,15 +107,12 @@ class Playout:
         """The source frame to show next; less than 0 before it is known."""
         return self._next
 
-    def receive(self, data: bytes) -> list[PlayoutFrame]:
-        """The frames that can be shown after the packet `data`, perhaps none.
+    def receive(self, packet: Packet, number: int | None = None) -> list[PlayoutFrame]:
+        """The frames that can be shown after a packet, perhaps none.
 
+        number: see `Arrival`; None: the packet's 6 bits tell.
         Raises `ProtocolError` if the packet is damaged or contradicts the call.
         """
-        return self.receive_packet(parse_packet(data))
-
-    def receive_packet(self, packet: Packet, number: int | None = None) -> list[PlayoutFrame]:
-        """As `receive`.  number: see `Arrival`; None: the packet's 6 bits tell."""
         version = self._models.current
         if isinstance(packet, ModelPacket):
             self._receive_model(packet, number)

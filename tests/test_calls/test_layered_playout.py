@@ -27,6 +27,7 @@ from protocol.packets import (
     ControlKind,
     ControlPacket,
     LayerPacket,
+    parse_packet,
     serialise,
 )
 
@@ -36,7 +37,7 @@ LAYERS = pieces(STREAM, [6, 31, 90])
 def play(playout: Playout, packets: list[bytes]) -> list[tuple[PlayoutFrame, ModelPacket]]:
     found = []
     for data in packets:
-        for frame in playout.receive(data):
+        for frame in playout.receive(parse_packet(data)):
             assert playout.model is not None
             found.append((frame, playout.model))
     return found

@@ -98,7 +98,7 @@ def test_an_update_is_announced_no_farther_than_its_number_tells(
 def test_an_update_takes_effect_with_its_pictures_and_modes(call: Path) -> None:
     playout, shown = Playout(), []
     for data in raw_packets(call):
-        for frame in playout.receive(data):
+        for frame in playout.receive(parse_packet(data)):
             assert playout.model is not None
             shown.append((frame.index, playout.model))
     assert [index for index, _ in shown] == list(range(FRAMES))

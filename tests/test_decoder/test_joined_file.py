@@ -30,4 +30,4 @@ def test_a_call_that_goes_on_cannot_be_told_to_begin_elsewhere() -> None:
     assert len(play([sample(1)], playout)) == 1 and not playout.joined_late
     over_link = Playout()
     play([model((10, 1))], over_link)
-    assert list(over_link.receive_packet(joined, 0)) == [] and not over_link.joined_late
+    assert list(over_link.receive(joined, 0)) == [] and not over_link.joined_late

@@ -11,7 +11,7 @@ from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import thesis_sample_count
 from protocol.model_packet import ModelPacket
-from protocol.packets import ControlKind, serialise
+from protocol.packets import ControlKind, parse_packet, serialise
 from shared_model.geometry import (
     interpolate,
     matrix_from_quaternion,
@@ -232,7 +232,7 @@ def layers(packets: list[bytes], playout: Playout) -> list[int]:
     """Which layer the model of each frame has."""
     found = []
     for data in packets:
-        for _ in playout.receive(data):
+        for _ in playout.receive(parse_packet(data)):
             assert playout.model is not None
             found.append(playout.model.version)
     return found

@@ -18,7 +18,7 @@ from decoder.playout.received_frames import MAX_DAMAGES_TOLD, DecodeStats
 from decoder.playout.receiver import Receiver
 from protocol.errors import ProtocolError
 from protocol.link.interface import Arrival
-from protocol.packets import ControlKind, ControlPacket, serialise
+from protocol.packets import ControlKind, ControlPacket, parse_packet, serialise
 from shared_model.errors import UserError
 
 COUNT = 12
@@ -57,7 +57,9 @@ def on_time(numbers: Iterable[int], session: int = 0, start_s: float = 0.0) -> l
 
 def clean() -> list[PlayoutFrame]:
     receiver = Playout()
-    return [frame for data in (MODEL, *PACKETS, END) for frame in receiver.receive(data)]
+    return [
+        frame for data in (MODEL, *PACKETS, END) for frame in receiver.receive(parse_packet(data))
+    ]
 
 
 def differences(played: list[PlayoutFrame]) -> list[float]:

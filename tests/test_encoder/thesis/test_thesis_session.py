@@ -65,7 +65,7 @@ def call(
         sent = list(file_again)
     playout, shown = Playout(), []
     for packet in sent:
-        for frame in playout.receive(packet):
+        for frame in playout.receive(parse_packet(packet)):
             assert playout.model is not None
             shown.append((frame, playout.model))
     return sent, shown, start
@@ -109,7 +109,7 @@ def test_who_joins_after_an_update_gets_the_pictures_that_stayed(tmp_path: Path)
     assert isinstance(packet, ModelPacket) and packet.version == 1
     assert packet.texture == MODEL.texture and packet.background == MODEL.background
     playout = Playout()
-    assert not playout.receive(whole)
+    assert not playout.receive(parse_packet(whole))
     assert playout.model == packet
 
 

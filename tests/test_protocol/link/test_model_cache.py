@@ -12,6 +12,7 @@ from protocol.packets import (
     ControlPacket,
     FramePacket,
     LayerPacket,
+    parse_packet,
     serialise,
 )
 
@@ -69,7 +70,7 @@ def test_a_late_joiner_decodes_every_frame_by_the_newest_model() -> None:
     sent += [model(2, 75 % 64), *map(frame, range(72, 100))]
     playout, shown = Playout(), set[int]()
     for packet in (*cached(sent), frame(100), frame(101), frame(102)):
-        for _ in playout.receive(packet):
+        for _ in playout.receive(parse_packet(packet)):
             assert playout.model is not None
             shown.add(playout.model.version)
     assert shown == {2}
