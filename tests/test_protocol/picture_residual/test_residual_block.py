@@ -65,6 +65,11 @@ def test_any_bytes_are_tiles_or_refused(data: bytes) -> None:
     assert found.flags.shape == tile_grid(WIDTH, HEIGHT)
 
 
+def test_a_value_beyond_the_largest_is_refused() -> None:
+    with pytest.raises(ProtocolError, match="a value is too large"):
+        parse_tiles(b"\xff" * 300, WIDTH, HEIGHT, 8)
+
+
 def test_bytes_behind_the_last_decision_are_refused() -> None:
     data = serialise_tiles(tiles(1, 8, 0.01, 2.0))
     with pytest.raises(ProtocolError, match="bytes too many"):
