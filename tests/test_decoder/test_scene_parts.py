@@ -104,7 +104,8 @@ def test_further_layers_do_not_wait_for_another_model() -> None:
         loader.close()
 
 
-def test_layers_of_a_model_that_is_decoded_do_not_wait_for_one_asked_for_before_them() -> None:
+def test_layers_do_not_wait_for_a_model_asked_for_before_them() -> None:
+    """Those of a model that is decoded already."""
     may_begin, may_go_on = Event(), Event()
     update, longer = update_of(WHOLE), with_a_mode(WHOLE)
 

@@ -220,9 +220,10 @@ def come_back_and_be_killed(browser: Browser, second: "subprocess.Popen[str]") -
     browser.wait("el('state').textContent == 'link lost, trying'")
 
 
-def test_two_people_see_and_hear_each_other_until_one_leaves_and_the_other_hangs_up(
+def test_two_people_see_and_hear_each_other(
     material: Material, browser: Browser, start: Start, tmp_path: Path
 ) -> None:
+    """Until one leaves and the other hangs up."""
     invitation = Invitation("127.0.0.1", free_port(), "anna", random_key())
     line, folder = tmp_path / "invitation", ("--folder", tmp_path)
     line.write_text(str(invitation))

@@ -208,9 +208,10 @@ def test_nothing_is_found_without_the_landmark_networks(
     assert any("segmentation" in line for line in lines)
 
 
-def test_a_judge_that_is_named_is_used_and_one_that_is_missing_is_the_users_mistake(
+def test_a_named_judge_is_used(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """One that is missing is the user's mistake."""
     monkeypatch.setenv(ENVIRONMENT_VARIABLE, sys.executable)
     assert find_observer().is_independent
     monkeypatch.setenv(ENVIRONMENT_VARIABLE, "/nowhere/python")

@@ -143,7 +143,7 @@ def test_an_update_of_the_model_is_read_from_its_own_packet_on() -> None:
     assert whole.groups == pytest.approx({name: 2 * count for name, count in once.items()})
 
 
-def test_frames_from_the_middle_of_a_call_are_read_with_the_model_before_its_update() -> None:
+def test_frames_from_the_middle_are_read_with_their_own_model() -> None:
     """The first has number 40 of its model, which an update follows from 50 on."""
     found = BitAccounting()
     found.add(FIRST)

@@ -52,9 +52,10 @@ def test_a_sphincter_draws_towards_its_centre_and_forward() -> None:
 
 
 @pytest.mark.parametrize("muscle", table.MUSCLES, ids=lambda m: m.name)
-def test_every_muscle_is_anchored_on_the_head_and_pulls_its_own_side_only_like_its_twin(
+def test_every_muscle_pulls_its_own_side_like_its_twin(
     muscle: Muscle,
 ) -> None:
+    """Each is anchored on the head."""
     left = muscle.displacement(HEAD.vertices, POINTS, "l")
     mirrored = muscle.displacement(HEAD.vertices * [-1, 1, 1], POINTS, "r") * [-1, 1, 1]
     np.testing.assert_allclose(left, mirrored, atol=1e-4)

@@ -58,7 +58,7 @@ def test_a_clip_that_is_shorter_than_the_delay_is_a_whole_call(
     assert [frame.index for frame in played(path)] == list(range(6))
 
 
-def test_in_real_time_the_model_and_its_modes_are_sent_at_once_and_frames_when_they_have_waited(
+def test_in_real_time_frames_wait_and_the_model_does_not(
     talking_clip: Path, networks: Path, tmp_path: Path
 ) -> None:
     """Frames before the first face wait, too.  Modes are learned from those that wait."""

@@ -59,9 +59,7 @@ def test_an_update_is_announced_ahead_of_its_first_packet(live_call: Path) -> No
     assert isinstance(packets[-1], ControlPacket) and packets[-1].kind is ControlKind.END
 
 
-def test_an_update_announced_as_the_one_before_takes_effect_counts_its_single_frame(
-    networks: Path, tmp_path: Path
-) -> None:
+def test_the_single_first_frame_of_an_update_is_counted(networks: Path, tmp_path: Path) -> None:
     """At so few frames a second the next is due before the one before holds."""
     draw(tmp_path / "slow.mkv", talking(7, fps=6))
     with without_layers():
@@ -114,7 +112,7 @@ def test_training_in_the_background_loses_no_frame(talking_clip: Path, tmp_path:
     assert [frame.index for frame in played(tmp_path / "paced.rzo")] == list(range(FRAMES))
 
 
-def test_frames_that_a_camera_left_out_are_filled_and_a_camera_that_is_off_goes_to_rest(
+def test_a_camera_may_leave_frames_out_and_be_switched_off(
     talking_clip: Path, tmp_path: Path
 ) -> None:
     """Frames come late and are left out; the call keeps the source's time."""

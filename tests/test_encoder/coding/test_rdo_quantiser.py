@@ -133,7 +133,8 @@ def test_trailing_reserved_components_without_a_value_are_not_coded(unused: int)
     assert not packet.frames[:, COMPONENTS - unused :].any()
 
 
-def test_a_reserved_component_that_returns_to_zero_is_coded_until_its_anchor_is_zero() -> None:
+def test_a_reserved_component_is_coded_until_its_anchor_is_zero() -> None:
+    """Also one that has returned to zero."""
     sender, receiver, wanted = (
         predictor(RESERVED),
         predictor(RESERVED),

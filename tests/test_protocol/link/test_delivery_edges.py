@@ -97,7 +97,8 @@ def test_a_model_in_use_replaces_the_one_before_and_keeps_its_layers() -> None:
     assert store.piece((Channel.UNORDERED, 0, 0)).total == 0
 
 
-def test_a_decoder_takes_nothing_from_others_and_nothing_before_it_knows_its_encoder() -> None:
+def test_a_decoder_takes_packets_of_its_encoder_alone() -> None:
+    """And none before it knows which that is."""
     end = DeliveryReceiver(DECODER, lambda session: None)
     frame = serialise(FramePacket(0, bytes(9)))
     assert end.receive(frame, 0.0) == [] and end.heard_s is None
