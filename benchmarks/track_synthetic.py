@@ -21,7 +21,7 @@ from encoder.thesis.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, 
 from loopback.report import write_report
 from loopback.report_page import chart, environment, page, plotly_graphs
 from risorius.animation.animate import AnimateOptions, animate
-from risorius.statistical_model import landmark_source
+from risorius.statistical_model import expression_search, landmark_source
 from shared_model.arrays import Array, Picture
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
@@ -99,10 +99,22 @@ def configurations_with_model(model: str | None) -> dict[str, TrackingOptions]:
         return {}
     source, searched = landmark_source(model), landmark_source(model, every_frame=True)
     again = landmark_source(model, every_frame=True)
+
+    def fed_back(without: Sequence[str] = ()) -> TrackingOptions:
+        first, search = landmark_source(model), expression_search(model)
+        return TrackingOptions(
+            landmarks=first, expression_search=search, without=frozenset(without)
+        )
+
     return {
         "statistical model in the first frame": TrackingOptions(landmarks=source),
         "statistical model in every frame": TrackingOptions(landmarks=searched),
         "the same and prediction matrix": TrackingOptions(landmarks=again, step="matrix"),
+        "actuators by c in the filter": fed_back(),
+        "the same without ABS": fed_back(["abs"]),
+        "network, and actuators by c in the filter": TrackingOptions(
+            expression_search=expression_search(model)
+        ),
     }
 
 

@@ -26,8 +26,7 @@ from benchmarks.track_synthetic import (
     render_sequence,
     track_video,
 )
-from encoder.thesis.ekf import Estimate, FaceFilter, ProcessNoise
-from shared_model.arrays import Array
+from encoder.thesis.ekf import Estimate, FaceFilter, Measurements, ProcessNoise
 from shared_model.parameters import THESIS_EAUS
 
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -69,16 +68,9 @@ def tuned(q: float, r: float) -> Iterator[None]:
             given = [scaled(each, q) for each in arguments]
             super().__init__(*given, **{name: scaled(each, q) for name, each in named.items()})
 
-        def update(
-            self,
-            points_mm: Array,
-            pixels: Array,
-            variance_px2: Array,
-            eau: Array,
-            eau_variance: Array,
-        ) -> Estimate:
-            measured = r**2 * variance_px2, eau, r**2 * eau_variance
-            return super().update(points_mm, pixels, *measured)
+        def update(self, measured: Measurements) -> Estimate:
+            points, eau = r**2 * measured.variance_px2, r**2 * measured.eau_variance
+            return super().update(replace(measured, variance_px2=points, eau_variance=eau))
 
     with patch(FILTER, TunedFilter):
         yield

@@ -42,6 +42,7 @@ THESIS_OPTIONS: Options = {
     "aam": None,
     "nose_cascade": None,
     "aam_every_frame": False,
+    "aam_feedback": False,
     "tracker": "full",
     "without": frozenset(),
     "normalise": "none",
@@ -64,15 +65,21 @@ NO_EFFECT: Mapping[tuple[str, str], tuple[str, ...]] = {
     ("without", "klt"): ("klt_points",),
     ("tracker", "single"): (
         *("without", "normalise", "abs", "refine"),
-        *("klt_points", "projection", "free_focal"),
+        *("klt_points", "projection", "free_focal", "aam_feedback"),
     ),
-    ("without", "ekf"): ("projection", "free_focal"),
+    ("without", "ekf"): ("projection", "free_focal", "aam_feedback"),
     ("without", "abs"): ("normalise", "abs", "refine"),
     ("detector", "haar"): ("lids", "refine"),
     ("detector", "network"): ("nose_cascade",),
 }
 # Option -> options that have no effect where it is given.
-REPLACED: Mapping[str, tuple[str, ...]] = {"aam": ("detector",), "texture_modes": ("refine",)}
+REPLACED: Mapping[str, tuple[str, ...]] = {
+    "aam": ("detector",),
+    "aam_feedback": ("aam_every_frame",),
+    "texture_modes": ("refine",),
+}
+# Options that say how the model of --aam is used.
+OF_MODEL = ("aam_every_frame", "aam_feedback")
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,13 +186,17 @@ def _check_effects(options: Options, spelling: Spelling) -> None:
         is_part = isinstance(given, Collection) and not isinstance(given, str) and value in given
         if given == value or is_part:
             _check_idle(options, name, others, spelling)
-    if options.get("aam") is None and options.get("aam_every_frame"):
-        raise UserError(
-            f"{spelling('aam_every_frame', True)} is about the model of --aam; add --aam MODEL"
-        )
+    check_model_is_named(options, spelling)
     for name, others in REPLACED.items():
         if options.get(name):
             _check_idle(options, name, others, spelling)
+
+
+def check_model_is_named(options: Options, spelling: Spelling) -> None:
+    """Raise `UserError` if an option of `OF_MODEL` is given without a model."""
+    for name in OF_MODEL:
+        if options.get("aam") is None and options.get(name):
+            raise UserError(f"{spelling(name, True)} is about the model of --aam; add --aam MODEL")
 
 
 def _check_idle(options: Options, name: str, others: Collection[str], spelling: Spelling) -> None:

@@ -86,6 +86,7 @@ class BenchSettings:
     detector: str = "network"
     aam: str | None = None
     aam_every_frame: bool = False
+    aam_feedback: bool = False
     nose_cascade: str | None = None
     max_frames: int | None = None
     pace: bool = True

@@ -134,12 +134,14 @@ def track(
     max_frames: int | None = None,
     progress: Progress | None = None,
     aam: str | Path | None = None,
+    aam_feedback: bool = False,
 ) -> "FaceTrack":
     """Track a face: per frame its pose in degrees and mm, EAUs, action units, emotions, confidence.
 
     source: as for `encode`.  aam: a model of `risorius train` that finds landmarks instead of the
-    network.  Raises `UserError` if it cannot be read or shows no face.
+    network.  aam_feedback: it also measures every frame's actuators.
+    Raises `UserError` if it cannot be read or shows no face.
     """
     from risorius.face_track import track
 
-    return track(str(source), max_frames, progress, aam=aam)
+    return track(str(source), max_frames, progress, aam=aam, aam_feedback=aam_feedback)

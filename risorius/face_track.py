@@ -10,7 +10,7 @@ import numpy as np
 
 from encoder.capture.video_source import Capture, open_source
 from encoder.thesis.trackers import TrackingOptions, open_tracker
-from risorius.statistical_model import landmark_source
+from risorius.statistical_model import expression_search, landmark_source
 from risorius.track_files import FORMATS
 from runtime.parallel import prefetch
 from shared_model.anatomy.expressions import signature
@@ -98,12 +98,14 @@ def track(
     stop: Callable[[], bool] = lambda: False,
     aam: str | Path | None = None,
     without: Collection[str] = (),
+    aam_feedback: bool = False,
 ) -> FaceTrack:
     """Track the face of a video file, image pattern, camera index or URL, until `stop`.
 
     progress: called with the number of frames so far and of all, None if that is not known.
     aam: a model of many faces that finds landmarks; None: the network does.
     without: parts of the tracker to leave out, see `TrackingOptions`.
+    aam_feedback: that model also measures every frame's actuators, see `ModelFeedback`.
     Raises `UserError` if the source or the model cannot be read or shows no face.
     """
     source_of_landmarks = landmark_source(aam)
@@ -116,6 +118,7 @@ def track(
             eyelids=True,
             refine_identity=False,
             landmarks=source_of_landmarks,
+            expression_search=expression_search(aam if aam_feedback else None),
         )
         active = range(len(EAUS))
         tracker = open_tracker(options, generic_head(), size, active, frame_s, warnings.append)

@@ -21,7 +21,7 @@ from encoder.fitting.landmark_fit import (
 from encoder.fitting.landmark_source import ExpectedFace, LandmarkSource
 from encoder.fitting.pose_initialisation import pose_from_three_points
 from shared_model.arrays import Array, Picture
-from shared_model.geometry import pixel_from_head
+from shared_model.geometry import Camera, pixel_from_head
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
 
@@ -118,11 +118,14 @@ class LandmarkMeasurer:
     ) -> FrameMeasurement | None:
         """See `FrameMeasurer`."""
         # The prediction is more reliable than the source's own previous landmarks.
-        self._source.expect(None if predicted is None else self._expected(predicted))
+        model, camera = self._model, self._camera
+        known = None
+        if predicted is not None:
+            known = expected_face(model, camera, predicted, self._aau)
+        self._source.expect(known)
         points_px = self._landmarks(frame, next_frame)
         if points_px is None:
             return None
-        model, camera = self._model, self._camera
         start = predicted or initial_parameters(model, camera, points_px)
         iterations = ITERATIONS_FROM_PREDICTION if predicted else ITERATIONS
         face = fit_landmarks(model, camera, points_px, start, self._active, iterations)
@@ -133,13 +136,6 @@ class LandmarkMeasurer:
         variance_px2 = np.full(len(self._chosen), sigma_px**2)
         pixels = points_px[model.index[self._chosen], :2]
         return FrameMeasurement(face, points_mm, pixels, variance_px2, ratio)
-
-    def _expected(self, face: FaceParameters) -> ExpectedFace:
-        points_px = np.full((LANDMARK_COUNT, 3), np.nan)
-        points_px[self._model.index, :2] = pixel_from_head(
-            self._camera, face.pose, animated_points(self._model, face.eau)
-        )
-        return ExpectedFace(points_px, self._camera, face, self._aau)
 
     def _landmarks(self, frame: Picture, next_frame: Picture | None = None) -> Array | None:
         found = self._source.update(frame, next_frame)
@@ -188,3 +184,13 @@ def animated_points(model: LandmarkModel, eau: Array) -> Array:
     return np.asarray(
         model.neutral + np.tensordot(up, model.eau_up, 1) + np.tensordot(down, model.eau_down, 1)
     )
+
+
+def expected_face(
+    model: LandmarkModel, camera: Camera, face: FaceParameters, aau: Array
+) -> ExpectedFace:
+    """What a search is told of a face.  model: personalised.  aau: (11,) of the person."""
+    points_px = np.full((LANDMARK_COUNT, 3), np.nan)
+    animated = animated_points(model, face.eau)
+    points_px[model.index, :2] = pixel_from_head(camera, face.pose, animated)
+    return ExpectedFace(points_px, camera, face, aau)

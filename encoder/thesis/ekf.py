@@ -8,7 +8,7 @@ After every step w is multiplied into the quaternion (4.17-4.19) and reset to ze
 Jacobian of Table 4.1 is exact.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -83,6 +83,23 @@ class Estimate:
     normalised_innovation: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class Measurements:
+    """What is measured of one frame.
+
+    points_mm: (n, 3) float64, mm, head frame, in the present expression.
+    pixels: (n, 2) float64, their measured positions; ignored where the variance is infinite.
+    variance_px2: (n,) float64, px^2; infinite where not measured.
+    eau, eau_variance: (k,) float64, measured actuators; infinite variance where not measured.
+    """
+
+    points_mm: Array
+    pixels: Array
+    variance_px2: Array
+    eau: Array
+    eau_variance: Array
+
+
 class FaceFilter:
     """The thesis' tracker state over time: `predict`, then `update`, once a frame.
 
@@ -143,30 +160,19 @@ class FaceFilter:
         self._reset_error_state()
         return self.estimate
 
-    def update(
-        self,
-        points_mm: Array,
-        pixels: Array,
-        variance_px2: Array,
-        eau: Array,
-        eau_variance: Array,
-    ) -> Estimate:
+    def update(self, measured: Measurements) -> Estimate:
         """Correct the state by one frame's measurements (4.3).
 
-        points_mm: (n, 3) float64, mm, head frame, in the present expression.
-        pixels: (n, 2) float64, their measured positions; ignored where the variance is infinite.
-        variance_px2: (n,) float64, px^2; infinite where not measured.
-        eau, eau_variance: (k,) float64, measured actuators; infinite variance where not measured.
         Raises ValueError where a shape is wrong.
         """
-        self._check(points_mm, pixels, variance_px2, eau, eau_variance)
-        rotated = points_mm @ matrix_from_quaternion(self._rotation).T
+        self._check(measured)
+        rotated = measured.points_mm @ matrix_from_quaternion(self._rotation).T
         expected, H = self._linearise(rotated)
-        z = np.concatenate([(pixels - self._camera.centre).ravel(), eau])
-        variance = np.concatenate([np.repeat(variance_px2, 2), eau_variance])
-        measured = np.isfinite(variance) & np.isfinite(z)
-        weight = np.where(measured, 1 / variance, 0.0)
-        innovation = np.where(measured, z - expected, 0.0)
+        z = np.concatenate([(measured.pixels - self._camera.centre).ravel(), measured.eau])
+        variance = np.concatenate([np.repeat(measured.variance_px2, 2), measured.eau_variance])
+        is_measured = np.isfinite(variance) & np.isfinite(z)
+        weight = np.where(is_measured, 1 / variance, 0.0)
+        innovation = np.where(is_measured, z - expected, 0.0)
         self._reject_outliers(innovation, H, weight)
         y, H = self._reduced_measurements(innovation, H, weight)
         zero = np.zeros(len(y))
@@ -176,13 +182,13 @@ class FaceFilter:
         self._reset_error_state()
         return self.estimate
 
-    def _check(self, *arrays: Array) -> None:
-        names = ("points_mm", "pixels", "variance_px2", "eau", "eau_variance")
+    def _check(self, measured: Measurements) -> None:
         n, k = self._points, self._eaus
         shapes: tuple[tuple[int, ...], ...] = ((n, 3), (n, 2), (n,), (k,), (k,))
-        for name, array, shape in zip(names, arrays, shapes, strict=True):
+        for item, shape in zip(fields(measured), shapes, strict=True):
+            array = getattr(measured, item.name)
             if array.shape != shape:
-                raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+                raise ValueError(f"{item.name} has shape {array.shape}, expected {shape}")
 
     def _linearise(self, rotated_mm: Array) -> tuple[Array, Array]:
         """Expected measurement (2n + k,) and Jacobian (2n + k, m) at the present state (4.10)."""

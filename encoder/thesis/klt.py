@@ -33,7 +33,7 @@ _CANDIDATE_BLOCK = 100
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """Tracked points of one frame, as arguments of `FaceFilter.update`.
+    """Tracked points of one frame, see `Measurements`.
 
     points_mm: (n, 3) float64, mm, head frame, in the predicted expression.
     pixels: (n, 2) float64.  variance_px2: (n,) float64, infinite where not tracked.

@@ -8,9 +8,10 @@ import numpy as np
 from encoder.fitting.analysis_by_synthesis import MIN_RESIDUAL_SIGMA_GREY, RESIDUAL_SIGMA_GREY
 from encoder.fitting.fit_results import TextureFit
 from encoder.thesis.detection_measurement import FrameMeasurement
-from encoder.thesis.ekf import Estimate, FaceFilter, InitialUncertainty, ProcessNoise
+from encoder.thesis.ekf import Estimate, FaceFilter, InitialUncertainty, Measurements, ProcessNoise
 from encoder.thesis.klt import Tracks, eye_distance_px
 from encoder.thesis.measurement_model import Projection, perspective
+from encoder.thesis.model_feedback import FedBackFace
 from shared_model.animate import Face
 from shared_model.arrays import Array, VertexIndices
 from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_head
@@ -88,8 +89,12 @@ class MeasurementFusion:
         tracks: Tracks | None = None,
         landmarks: FrameMeasurement | None = None,
         fit: TextureFit | None = None,
+        fed_back: FedBackFace | None = None,
     ) -> FaceParameters:
-        """The face after an update by the given measurements; the others are taken as missing."""
+        """The face after an update by the given measurements; the others are taken as missing.
+
+        Of `fit` and `fed_back` one at most.
+        """
         points, pixels = np.zeros((self._count, 3)), np.zeros((self._count, 2))
         variance = np.full(self._count, np.inf)
         eau, eau_variance = predicted.eau[self._active], np.full(len(self._active), np.inf)
@@ -106,14 +111,30 @@ class MeasurementFusion:
             eau = landmarks.face.eau[self._active]
             eau_variance[:] = factor * (landmarks.sigma_ratio * LANDMARK_EAU_SIGMA) ** 2
         if fit is not None:
-            at, pose = self._fit, fit.face.pose
-            points[at] = self._face.animate(fit.face.eau)[self._fit_points]
-            pixels[at] = pixel_from_head(self._camera, pose, points[at])
-            variance[at] = (FIT_POINT_SIGMA * eye_distance_px(self._camera, pose)) ** 2
+            self._place_points(fit.face, 1.0, points, pixels, variance)
             eau = fit.face.eau[self._active]
             eau_variance[:] = self._fit_eau_variance(fit)
-        estimate = self._filter.update(points, pixels, variance, eau, eau_variance)
+        if fed_back is not None:
+            self._place_points(fed_back.face, fed_back.sigma_ratio, points, pixels, variance)
+            eau = fed_back.face.eau[self._active]
+            eau_variance[:] = fed_back.eau_sigma[self._active] ** 2
+        estimate = self._filter.update(Measurements(points, pixels, variance, eau, eau_variance))
         return self._with_estimate(predicted, estimate)
+
+    def _place_points(
+        self,
+        face: FaceParameters,
+        sigma_ratio: float,
+        points: Array,
+        pixels: Array,
+        variance: Array,
+    ) -> None:
+        """Measure the pose of a fitted face as points."""
+        at, pose = self._fit, face.pose
+        points[at] = self._face.animate(face.eau)[self._fit_points]
+        pixels[at] = pixel_from_head(self._camera, pose, points[at])
+        sigma_px = sigma_ratio * FIT_POINT_SIGMA * eye_distance_px(self._camera, pose)
+        variance[at] = sigma_px**2
 
     def _fit_eau_variance(self, fit: TextureFit) -> Array:
         sigma_grey = np.clip(fit.residual_sigma_grey, MIN_RESIDUAL_SIGMA_GREY, RESIDUAL_SIGMA_GREY)

@@ -16,6 +16,7 @@ from encoder.thesis.detection_measurement import FrameMeasurement, FrameMeasurer
 from encoder.thesis.identity_refinement import MIN_EYE_DISTANCE_PX, IdentityRefiner
 from encoder.thesis.klt import KltTracker, Tracks, eye_distance_px
 from encoder.thesis.measurement_fusion import DEFAULT_FILTER, FilterOptions, MeasurementFusion
+from encoder.thesis.model_feedback import ModelFeedback
 from encoder.thesis.person_texture import (
     DEFAULT_OPTIONS,
     GOOD_CORRELATION,
@@ -72,6 +73,7 @@ class ModelTracker:
     refine_identity: whether the identity is refined, if the measurer uses landmarks and "abs" is
         not left out.
     filter_options: of the filter.
+    feedback: measures the filter's face by a statistical model as well; None: nothing does.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class ModelTracker:
         refine_identity: bool = False,
         klt_points: str = "first",
         filter_options: FilterOptions = DEFAULT_FILTER,
+        feedback: ModelFeedback | None = None,
     ) -> None:
         if not without <= set(TRACKER_PARTS):
             expected = ", ".join(TRACKER_PARTS)
@@ -93,7 +96,7 @@ class ModelTracker:
         self._elapsed_s, self._measurer, self._without = elapsed_s, measurer, without
         self._fit_options, self._refine_identity = fit_options, refine_identity
         self._klt_points = klt_points
-        self._filter_options = filter_options
+        self._filter_options, self._feedback = filter_options, feedback
         self._person: TrackedPerson | None = None
         self._identity_refiner: IdentityRefiner | None = None
         self._fusion: MeasurementFusion | None = None
@@ -131,6 +134,8 @@ class ModelTracker:
             texture.set_shape(face, fitted.camera, fitted.frames[0])
         before.klt.set_face(face)
         self._measurer.set_identity(fitted)
+        if self._feedback is not None:
+            self._feedback.set_identity(fitted)
         self._identity_refiner.adopt(fitted)
         self._person = replace(before, fitted=fitted, face=face)
         if self._last is not None:
@@ -147,6 +152,8 @@ class ModelTracker:
         fitted = self._measurer.initialise(frame)
         if fitted is None:
             return None
+        if self._feedback is not None:
+            self._feedback.start(frame, fitted)
         luma = luma_u8(frame)
         face, start, camera = Face(self._head, fitted.identity), fitted.frames[0], fitted.camera
         textures = tuple(
@@ -204,6 +211,7 @@ class ModelTracker:
         luma, camera = luma_u8(frame), person.fitted.camera
         tracks = person.klt.track(luma, camera, predicted) if self._has("klt") else None
         start = self._fuse(person, predicted, measurement, tracks)
+        start = self._fed_back(frame, start)
         fit = None
         if self._has("abs"):
             fit = self._fit(person, luma, initial_faces(start, measurement), ITERATIONS)
@@ -243,6 +251,13 @@ class ModelTracker:
         points_mm, pixels = tracks.points_mm[tracked], tracks.pixels[tracked]
         pose = pose_from_points(person.fitted.camera, points_mm, pixels, predicted.pose)
         return replace(predicted, pose=pose)
+
+    def _fed_back(self, frame: Picture, start: FaceParameters) -> FaceParameters:
+        """The filter's face after what a statistical model measures from it on (5.2)."""
+        if self._feedback is None or self._fusion is None:
+            return start
+        found = self._feedback.measure(frame, start)
+        return start if found is None else self._fusion.update(start, fed_back=found)
 
     def _fit(
         self,

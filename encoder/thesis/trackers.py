@@ -12,6 +12,7 @@ from encoder.detection.several_faces import Warn, warn_of_several_faces
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.analysis_by_synthesis import TexelFitter
+from encoder.fitting.expression_search import ExpressionSearch
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity, generic_identity
 from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, landmark_model, personalise
@@ -25,6 +26,7 @@ from encoder.thesis.detection_measurement import (
 from encoder.thesis.klt import KLT_POINTS
 from encoder.thesis.measurement_fusion import FilterOptions
 from encoder.thesis.measurement_model import PROJECTIONS
+from encoder.thesis.model_feedback import ModelFeedback
 from encoder.thesis.model_tracker import TRACKER_PARTS, ModelTracker
 from encoder.thesis.network_landmarks import NetworkLandmarks
 from encoder.thesis.person_texture import FitOptions
@@ -101,6 +103,7 @@ class TrackingOptions:
     nose: see `HaarDetector`.
     projection: how the full tracker's filter projects points, one of `PROJECTIONS`.
     free_focal: the focal length is in the full tracker's state, see `FilterOptions`.
+    expression_search: measures what the full tracker's filter has, see `ModelFeedback`.
     """
 
     detector: str = "network"
@@ -115,6 +118,7 @@ class TrackingOptions:
     klt_points: str = "first"
     projection: str = "perspective"
     free_focal: bool = False
+    expression_search: ExpressionSearch | None = None
 
 
 def open_tracker(
@@ -146,6 +150,8 @@ def open_tracker(
             measurer = HaarMeasurer(head, size, HaarDetector(options.nose), warn)
         else:
             measurer = LandmarkMeasurer(head, size, active, landmarks, warn)
+        search = options.expression_search
+        feedback = None if search is None else ModelFeedback(head, search)
         fit = FitOptions(NORMALISATIONS[options.normalise], FITTERS[options.step])
         return ModelTracker(
             head,
@@ -157,6 +163,7 @@ def open_tracker(
             options.refine_identity,
             options.klt_points,
             FilterOptions(PROJECTIONS[options.projection], options.free_focal),
+            feedback,
         )
     if landmarks is None:
         return HaarPoseTracker(head, size, HaarDetector(options.nose), warn)

@@ -19,8 +19,9 @@ OPTIONS_NOT_FOR_SWEEP: Options = {
     "cores": None,
 }
 # The same where clips are tracked and not sent.
+_OF_TRACKS = ("aam", "aam_feedback")
 OPTIONS_NOT_FOR_TRACKS: Options = {
-    **{name: default for name, default in THESIS_OPTIONS.items() if name != "aam"},
+    **{name: default for name, default in THESIS_OPTIONS.items() if name not in _OF_TRACKS},
     **DEFAULT_OPTIONS,
     **{name: None for name in ("profile", "preset", "sweep", "against", "scheduler")},
     "model_bytes": None,

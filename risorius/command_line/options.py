@@ -120,6 +120,12 @@ def add_statistical_model(parser: argparse.ArgumentParser, where: str) -> None:
         " many faces: the file (.npz) that `risorius train` has made, or builtin: the one that"
         " comes along",
     )
+    parser.add_argument(
+        "--aam-feedback",
+        action="store_true",
+        help=f"{where}the model also measures the actuators of every frame, by its parameters c"
+        " from where the Kalman filter has them, and the filter takes them (thesis 5.2)",
+    )
 
 
 def add_tracking(parser: argparse.ArgumentParser) -> None:

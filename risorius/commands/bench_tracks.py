@@ -4,7 +4,8 @@ import argparse
 from dataclasses import fields
 from pathlib import Path
 
-from risorius.command_line.option_rules import OPTIONS_NOT_FOR_TRACKS, reject
+from encoder.option_rules import check_model_is_named
+from risorius.command_line.option_rules import OPTIONS_NOT_FOR_TRACKS, as_typed, reject
 from risorius.command_line.output_checks import check_output_folder
 from risorius.command_line.progress import say, warn
 from risorius.command_line.signals import StopOnSignal
@@ -14,6 +15,7 @@ def run_tracks(arguments: argparse.Namespace) -> int:
     """`risorius bench --pose-truth`, `--labels`."""
     asked = "--pose-truth" if arguments.pose_truth else "--labels"
     reject(arguments, OPTIONS_NOT_FOR_TRACKS, asked)
+    check_model_is_named(vars(arguments), as_typed)
     from aam.charts import NEEDED, has_charts
     from loopback.bench import ClipFailure, make_folder
     from loopback.report import table, write_json, write_report

@@ -141,7 +141,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
     from encoder.options import EncodeOptions
     from encoder.thesis.trackers import TrackingOptions
     from risorius.call_drawing import draw
-    from risorius.statistical_model import landmark_source
+    from risorius.statistical_model import expression_search, landmark_source
 
     over_link = arguments.output is None
     nose = None if arguments.nose_cascade is None else Path(arguments.nose_cascade)
@@ -172,6 +172,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
             arguments.klt_points,
             arguments.projection,
             arguments.free_focal,
+            expression_search(arguments.aam if arguments.aam_feedback else None),
         ),
         pace=over_link if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,

@@ -5,7 +5,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from encoder.option_rules import check_model_is_named
 from risorius.command_line.argument_types import count
+from risorius.command_line.option_rules import as_typed
 from risorius.command_line.options import SOURCE_HELP, add_statistical_model
 from risorius.command_line.output_checks import STANDARD, check_outputs
 from risorius.command_line.parser import INTERRUPTED, add_command
@@ -56,6 +58,7 @@ def add_track(added: "Commands") -> None:
 def run_track(arguments: argparse.Namespace) -> int:
     """`risorius track`: what was tracked until it is stopped is written."""
     check_outputs([arguments.source], [arguments.output])
+    check_model_is_named(vars(arguments), as_typed)
     from risorius.face_track import track
     from risorius.track_files import FORMATS
 
@@ -63,7 +66,14 @@ def run_track(arguments: argparse.Namespace) -> int:
     with StopOnSignal() as stop, progress_line as progress:
         try:
             watched = stop.watch(progress)
-            found = track(arguments.source, arguments.max_frames, watched, stop, arguments.aam)
+            found = track(
+                arguments.source,
+                arguments.max_frames,
+                watched,
+                stop,
+                arguments.aam,
+                aam_feedback=arguments.aam_feedback,
+            )
         except UserError as error:
             if stop():
                 raise KeyboardInterrupt from error

@@ -25,11 +25,15 @@ SCHEMA = "risorius-track-bench/1"
 
 @dataclass(frozen=True, slots=True)
 class TrackBenchOptions:
-    """pose_truth, labels: files or folders of them; None: not asked for.  aam: see `track`."""
+    """pose_truth, labels: files or folders of them; None: not asked for.
+
+    aam, aam_feedback: see `track`.
+    """
 
     pose_truth: Path | None = None
     labels: Path | None = None
     aam: str | None = None
+    aam_feedback: bool = False
     max_frames: int | None = None
 
 
@@ -75,7 +79,7 @@ def bench_tracks(
 def _tracked(source: str, name: str, options: TrackBenchOptions) -> ClipTrack:
     truth = None if options.pose_truth is None else find_pose_truth(options.pose_truth, source)
     labels = None if options.labels is None else find_unit_labels(options.labels, source)
-    found = track(source, options.max_frames, aam=options.aam)
+    found = track(source, options.max_frames, aam=options.aam, aam_feedback=options.aam_feedback)
     if truth is None:
         return ClipTrack(source, name, found, None, None, labels)
     try:

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.tune_filter import cells, scaled, tuned
 from encoder.thesis import measurement_fusion
-from encoder.thesis.ekf import FaceFilter, ProcessNoise
+from encoder.thesis.ekf import FaceFilter, Measurements, ProcessNoise
 from shared_model.arrays import Array
 from shared_model.geometry import Camera, pose_from_euler
 
@@ -23,7 +23,9 @@ def eau_after(q: float, r: float, measured: float = 1.0) -> float:
     made.predict(0.04)
     nothing: Array = np.full(len(POINTS), np.inf)
     pixels = np.zeros((len(POINTS), 2))
-    found = made.update(POINTS, pixels, nothing, np.array([measured]), np.array([0.3**2]))
+    found = made.update(
+        Measurements(POINTS, pixels, nothing, np.array([measured]), np.array([0.3**2]))
+    )
     return float(found.eau[0])
 
 
@@ -51,6 +53,8 @@ def test_what_is_measured_without_a_factor_is_as_it_was() -> None:
     plain.predict(0.04)
     nothing = np.full(len(POINTS), np.inf)
     found = plain.update(
-        POINTS, np.zeros((len(POINTS), 2)), nothing, np.array([1.0]), np.array([0.3**2])
+        Measurements(
+            POINTS, np.zeros((len(POINTS), 2)), nothing, np.array([1.0]), np.array([0.3**2])
+        )
     )
     assert eau_after(1, 1) == pytest.approx(float(found.eau[0]))

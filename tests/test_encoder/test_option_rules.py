@@ -169,10 +169,24 @@ def test_a_preset_stands_for_options_that_may_still_be_given_otherwise() -> None
     assert [expanded["abs"], expanded["aam"]] == ["mirrored", "m.npz"]
 
 
+@pytest.mark.parametrize(
+    "command", [["encode", "-o", "a.rzo"], ["track"], ["bench", "--labels", "l"]]
+)
+def test_the_feedback_of_a_model_needs_a_model(capsys: Capture, command: list[str]) -> None:
+    assert main([*command, "a.mp4", "--aam-feedback"]) == 2
+    assert "add --aam MODEL" in error_line(capsys)
+
+
 def test_a_search_in_every_frame_needs_a_model(capsys: Capture) -> None:
     line = ["encode", "a.mp4", "-o", "a.rzo", "--aam-every-frame"]
     assert main(line) == 2
     assert "add --aam MODEL" in error_line(capsys)
+
+
+def test_a_model_measures_by_its_landmarks_or_by_its_parameters(capsys: Capture) -> None:
+    line = ["encode", "a.mp4", "-o", "a.rzo", "--aam", "builtin", "--aam-feedback"]
+    assert main([*line, "--aam-every-frame"]) == 2
+    assert "--aam-every-frame has no effect" in error_line(capsys)
 
 
 def test_a_preset_of_the_thesis_is_refused_with_the_default_profile(capsys: Capture) -> None:

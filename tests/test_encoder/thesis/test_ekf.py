@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from encoder.thesis.ekf import Estimate, FaceFilter, ProcessNoise
+from encoder.thesis.ekf import Estimate, FaceFilter, Measurements, ProcessNoise
 from encoder.thesis.measurement_model import Projection, lowe, perspective
 from shared_model.geometry import (
     Camera,
@@ -61,7 +61,10 @@ def track(
         variance = np.where(hidden, np.inf, SEEN)
         filter_.predict(1 / FPS)
         eau = eau_at(frame) + rng.normal(0, 0.05, 4)
-        yield frame, filter_.update(POINTS, pixels, variance, eau, np.full(4, 0.05**2))
+        yield (
+            frame,
+            filter_.update(Measurements(POINTS, pixels, variance, eau, np.full(4, 0.05**2))),
+        )
 
 
 @given(pitch=angle, yaw=angle, roll=angle, x=st.floats(-100, 100), y=st.floats(-80, 80))
@@ -169,15 +172,14 @@ def test_occluded_points_are_ignored_until_they_are_measured_again() -> None:
         pass
     before = filter_.predict(1 / FPS)
     unseen = np.full(30, np.inf)
-    nothing = filter_.update(
-        POINTS, np.full((30, 2), np.nan), unseen, np.zeros(4), np.full(4, np.inf)
-    )
+    pixels = np.full((30, 2), np.nan)
+    nothing = filter_.update(Measurements(POINTS, pixels, unseen, np.zeros(4), np.full(4, np.inf)))
     assert nothing.pose.translation_mm == pytest.approx(before.pose.translation_mm)
     assert nothing.eau == pytest.approx(before.eau, abs=1e-6)
     assert not nothing.inliers.any()
     filter_.predict(1 / FPS)
     pixels = pixel_from_head(TRUE, pose_at(61), POINTS)
-    back = filter_.update(POINTS, pixels, SEEN, eau_at(61), np.full(4, 0.01))
+    back = filter_.update(Measurements(POINTS, pixels, SEEN, eau_at(61), np.full(4, 0.01)))
     assert back.inliers.all()
     assert euler_deg(back.pose) == pytest.approx(euler_deg(pose_at(61)), abs=1)
 
@@ -189,7 +191,7 @@ def test_gross_outliers_are_rejected() -> None:
     filter_.predict(1 / FPS)
     pixels = pixel_from_head(TRUE, pose_at(60), POINTS)
     pixels[:12] += [25.0, -10.0]
-    estimate = filter_.update(POINTS, pixels, SEEN, eau_at(60), np.full(4, 0.01))
+    estimate = filter_.update(Measurements(POINTS, pixels, SEEN, eau_at(60), np.full(4, 0.01)))
     assert not estimate.inliers[:12].any() and estimate.inliers[12:].all()
     assert euler_deg(estimate.pose) == pytest.approx(euler_deg(pose_at(60)), abs=1)
 
@@ -203,11 +205,11 @@ def test_a_jump_is_tracked_and_raises_the_normalised_innovation() -> None:
     jumped = pose_from_euler(0, -20, 10, np.array([150.0, 20, 620]))
     pixels = pixel_from_head(TRUE, jumped, POINTS)
     filter_.predict(1 / FPS)
-    first = filter_.update(POINTS, pixels, SEEN, eau_at(60), np.full(4, 0.01))
+    first = filter_.update(Measurements(POINTS, pixels, SEEN, eau_at(60), np.full(4, 0.01)))
     assert first.normalised_innovation > 3 * calm
     for _ in range(10):
         filter_.predict(1 / FPS)
-        last = filter_.update(POINTS, pixels, SEEN, eau_at(60), np.full(4, 0.01))
+        last = filter_.update(Measurements(POINTS, pixels, SEEN, eau_at(60), np.full(4, 0.01)))
     assert euler_deg(last.pose) == pytest.approx((0, -20, 10), abs=1.5)
 
 
@@ -228,7 +230,7 @@ def test_wrong_shapes_are_named(wrong: int) -> None:
     arrays[wrong] = arrays[wrong][..., None]
     name = ("points_mm", "pixels", "variance_px2", "eau", "eau_variance")[wrong]
     with pytest.raises(ValueError, match=name):
-        filter_.update(*arrays)
+        filter_.update(Measurements(*arrays))
 
 
 def test_a_nonpositive_time_step_is_refused() -> None:
