@@ -1,6 +1,6 @@
 """Face reenactment: the frames of one call drive the model of another."""
 
-from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -37,9 +37,7 @@ def read_model(path: Path) -> ModelPacket:
         if models:
             # Model packets may be repeated for late joiners.
             models.sort(key=lambda model: model.version)
-            # An update without a background keeps the one before.
-            backgrounds = [model.background for model in models if model.background]
-            newest = replace(models[-1], background=[b"", *backgrounds][-1])
+            newest = reduce(_updated, models)
             for piece in pieces:
                 if piece.model_version == newest.version:
                     layers.add(piece)
@@ -47,6 +45,10 @@ def read_model(path: Path) -> ModelPacket:
     except ProtocolError as error:
         raise UserError(f"{path}: {error}") from error
     raise UserError(f"{path} has no model packet: nobody to draw")
+
+
+def _updated(before: ModelPacket, update: ModelPacket) -> ModelPacket:
+    return update.with_missing_pictures_from(before)
 
 
 def reenact(face: FaceParameters, source: ModelPacket, target: ModelPacket) -> FaceParameters:

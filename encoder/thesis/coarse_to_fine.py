@@ -10,7 +10,7 @@ from encoder.fitting.fit_results import TextureFit
 from encoder.thesis.detection_measurement import FrameMeasurement
 from encoder.thesis.person_texture import GOOD_CORRELATION, PersonTexture
 from shared_model.arrays import Picture
-from shared_model.parameters import EAU_INDEX, FaceParameters
+from shared_model.parameters import EAU_INDEX, FaceParameters, clip_eau
 
 # Frames between fits from all initial faces; a poor fit is always repeated from all of them.
 ALTERNATIVES_INTERVAL = 4
@@ -25,6 +25,13 @@ OPPOSITE_EAU, NEAR_REST = 0.4, 0.2
 OPPOSITE_INTERVAL = 6
 # Relative decrease of the residual for which the repeated fit replaces the first one.
 MIN_IMPROVEMENT = 0.02
+
+# Middle and inner brow move the skin almost alike (cosine .97), and a fit may converge far off
+# along the direction in which they cancel out, with a residual that is hardly larger.  At this
+# interval it is repeated from either side along that direction.
+BROWS = EAU_INDEX["eyebrow_middle"], EAU_INDEX["eyebrow_inner"]
+BROW_STEP = 0.36, -0.6
+BROWS_INTERVAL, MIN_BROW_IMPROVEMENT = 3, 0.003
 
 
 def fit_coarse_to_fine(
@@ -49,7 +56,11 @@ def fit_coarse_to_fine(
             if other.correlation > best.correlation + MIN_CORRELATION_GAIN:
                 best = other
         if texture is textures[0] and frame_number % OPPOSITE_INTERVAL == 0:
-            best = _best_of_both_sides(texture, observation, best, active, count)
+            others, gain = opposite_starts(best.face, active), MIN_IMPROVEMENT
+            best = _best(texture, observation, best, others, active, count, gain)
+        if texture is textures[0] and frame_number % BROWS_INTERVAL == 0:
+            others, gain = brow_starts(best.face, active), MIN_BROW_IMPROVEMENT
+            best = _best(texture, observation, best, others, active, count, gain)
         texture.update_noise_level(best)
         starts = [best.face]
     return best
@@ -64,23 +75,35 @@ def initial_faces(
     return [start, replace(start, eau=measurement.face.eau), measurement.face]
 
 
-def _best_of_both_sides(
+def _best(
     texture: PersonTexture,
     observation: Observation,
     fit: TextureFit,
+    starts: Sequence[FaceParameters],
     active: Sequence[int],
     iterations: int,
+    min_improvement: float,
 ) -> TextureFit:
-    """The better of a fit and, if its mouth's corners are near rest, one from their other side."""
-    if MOUTH_CORNERS not in active or abs(fit.face.eau[MOUTH_CORNERS]) > NEAR_REST:
-        return fit
-    other = texture.fit(observation, opposite_start(fit.face), active, iterations)
-    better = other.residual_mse_grey2 < (1 - MIN_IMPROVEMENT) * fit.residual_mse_grey2
-    return other if better else fit
+    """The best of a fit and those from other starts, if it leaves so much less than the first."""
+    others = [texture.fit(observation, start, active, iterations) for start in starts]
+    best = min(others, key=lambda other: other.residual_mse_grey2, default=fit)
+    is_better = best.residual_mse_grey2 < (1 - min_improvement) * fit.residual_mse_grey2
+    return best if is_better else fit
 
 
-def opposite_start(face: FaceParameters) -> FaceParameters:
-    """The face with the mouth's corners on the other side of rest."""
+def opposite_starts(face: FaceParameters, active: Sequence[int]) -> list[FaceParameters]:
+    """The face with the mouth's corners on the other side of rest, if they are near it."""
+    if MOUTH_CORNERS not in active or abs(face.eau[MOUTH_CORNERS]) > NEAR_REST:
+        return []
     corners = np.arange(len(face.eau)) == MOUTH_CORNERS
     eau = -OPPOSITE_EAU if face.eau[MOUTH_CORNERS] >= 0 else OPPOSITE_EAU
-    return replace(face, eau=np.where(corners, eau, face.eau))
+    return [replace(face, eau=np.where(corners, eau, face.eau))]
+
+
+def brow_starts(face: FaceParameters, active: Sequence[int]) -> list[FaceParameters]:
+    """The face with its brows further along the direction in which their actuators cancel out."""
+    if not set(BROWS) <= set(active):
+        return []
+    step = np.zeros(len(face.eau))
+    step[list(BROWS)] = BROW_STEP
+    return [replace(face, eau=clip_eau(face.eau + sign * step)) for sign in (1, -1)]

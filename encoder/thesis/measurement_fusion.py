@@ -90,10 +90,12 @@ class MeasurementFusion:
         landmarks: FrameMeasurement | None = None,
         fit: TextureFit | None = None,
         fed_back: FedBackFace | None = None,
+        lids_of: FrameMeasurement | None = None,
     ) -> FaceParameters:
         """The face after an update by the given measurements; the others are taken as missing.
 
-        Of `fit` and `fed_back` one at most.
+        lids_of: landmarks of which the eyelids alone count.
+        Of `landmarks` and `lids_of` one at most, as of `fit` and `fed_back`.
         """
         points, pixels = np.zeros((self._count, 3)), np.zeros((self._count, 2))
         variance = np.full(self._count, np.inf)
@@ -101,15 +103,16 @@ class MeasurementFusion:
         if tracks is not None:
             points[self._klt], pixels[self._klt] = tracks.points_mm, tracks.pixels
             variance[self._klt] = tracks.variance_px2
+        if lids_of is not None:
+            eau = lids_of.face.eau[self._active]
+            is_lid = np.isin(self._active, LIDS)
+            eau_variance[is_lid] = _landmark_eau_variance(lids_of)
         if landmarks is not None:
             at = self._landmarks
-            # By the measured angle: a filter with a wrong angle would reject the landmarks.
-            angle_deg = _off_axis_deg(landmarks.face.pose)
-            factor = (1 + (angle_deg / ERROR_DOUBLING_DEG) ** 2) ** 2
             points[at], pixels[at] = landmarks.points_mm, landmarks.pixels
-            variance[at] = factor * landmarks.variance_px2
+            variance[at] = _variance_factor(landmarks) * landmarks.variance_px2
             eau = landmarks.face.eau[self._active]
-            eau_variance[:] = factor * (landmarks.sigma_ratio * LANDMARK_EAU_SIGMA) ** 2
+            eau_variance[:] = _landmark_eau_variance(landmarks)
         if fit is not None:
             self._place_points(fit.face, 1.0, points, pixels, variance)
             eau = fit.face.eau[self._active]
@@ -151,6 +154,18 @@ class MeasurementFusion:
             return found
         # What is drawn and fitted has the identity's focal length.
         return with_focal_change(found, self._camera.focal_px / estimate.camera.focal_px)
+
+
+def _variance_factor(landmarks: FrameMeasurement) -> float:
+    """By how much landmarks of a turned face vary more than those of a frontal one."""
+    # By the measured angle: a filter with a wrong angle would reject the landmarks.
+    angle_deg = _off_axis_deg(landmarks.face.pose)
+    return (1 + (angle_deg / ERROR_DOUBLING_DEG) ** 2) ** 2
+
+
+def _landmark_eau_variance(landmarks: FrameMeasurement) -> float:
+    sigma = landmarks.sigma_ratio * LANDMARK_EAU_SIGMA
+    return _variance_factor(landmarks) * sigma**2
 
 
 def _off_axis_deg(pose: Pose) -> float:

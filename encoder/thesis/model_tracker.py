@@ -44,6 +44,9 @@ MIN_POSE_POINTS = 6
 # Iterations of the fit, coarse and fine: in each frame, and after the face was lost.
 ITERATIONS = (3, 2)
 RECOVERY_ITERATIONS = (8, 5)
+# Correlation with the person's texture from which the fit is believed without landmarks: those of
+# turned heads are off by up to 25 degrees, all alike, so that no gate finds them.
+TRUSTED_CORRELATION = 0.9
 # Successive frames without a trustworthy face after which it is lost.
 LOST_AFTER_FRAMES = 3
 
@@ -218,9 +221,12 @@ class ModelTracker:
         confidence = 1.0 if fit is None else max(0.0, fit.correlation)
         if fit is not None and fit.correlation < MIN_CORRELATION and measurement is not None:
             # Landmarks find a face that the texture does not match: they are used alone.
+            self._take_landmarks(start, measurement)
             start, fit = measurement.face, None
         elif is_tracking_failure(self._has_landmarks() and measurement is None, tracks, fit):
             return self._coast(last)
+        if fit is not None and measurement is not None and fit.correlation < TRUSTED_CORRELATION:
+            start = self._take_landmarks(start, measurement)
         face = self._update_with_fit(start, fit)
         if not is_plausible(face, person.fitted):
             return self._coast(last)
@@ -238,7 +244,9 @@ class ModelTracker:
         measurement: FrameMeasurement | None,
         tracks: Tracks | None,
     ) -> FaceParameters:
-        """The face by landmarks and KLT points."""
+        """The face by landmarks and KLT points; by KLT points and eyelids if texture is fitted."""
+        if self._fusion is not None and self._has("abs"):
+            return self._fusion.update(predicted, tracks, lids_of=measurement)
         if self._fusion is not None:
             return self._fusion.update(predicted, tracks, measurement)
         if measurement is not None:
@@ -269,6 +277,12 @@ class ModelTracker:
         return fit_coarse_to_fine(
             person.textures, luma, starts, self._active, iterations, self._frame_number
         )
+
+    def _take_landmarks(
+        self, face: FaceParameters, measurement: FrameMeasurement
+    ) -> FaceParameters:
+        """The face after an update by landmarks."""
+        return face if self._fusion is None else self._fusion.update(face, landmarks=measurement)
 
     def _update_with_fit(self, start: FaceParameters, fit: TextureFit | None) -> FaceParameters:
         """The face by the fit of the texture, filtered."""

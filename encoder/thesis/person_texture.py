@@ -45,8 +45,8 @@ MEDIAN_TO_SIGMA = 1.4826
 MEDIAN_STRIDE = 4
 # Correlations over fewer texels are taken to be 0.
 MIN_CORRELATED_TEXELS = 50
-# Keeps correlations finite where the texels have no variance, grey levels to the fourth.
-TINY = 1e-18
+# The same of texels with less contrast, standard deviation, grey levels: it would be rounding.
+MIN_CONTRAST_GREY = 0.1
 # Least gain of an illumination.
 MIN_GAIN = 0.2
 
@@ -198,7 +198,10 @@ class PersonTexture:
         products = (rows * (self._texel_weight * chosen)) @ rows.T
         light, mixed = products[:3, :3], products[:3, 3:]
         rest = products[3:, 3:] - mixed.T @ np.linalg.lstsq(light, mixed, rcond=None)[0]
-        return float(rest[0, 1] / np.sqrt(max(rest[0, 0] * rest[1, 1], TINY)))
+        least = MIN_CONTRAST_GREY**2 * float(self._texel_weight[chosen].sum())
+        if min(rest[0, 0], rest[1, 1]) < least:
+            return 0.0
+        return float(rest[0, 1] / np.sqrt(rest[0, 0] * rest[1, 1]))
 
     def _sample(self, crop: Crop, face: FaceParameters) -> Single:
         positions = crop.to_crop_px(self._fitter.shape.positions(face))

@@ -187,6 +187,22 @@ def test_the_fit_of_the_texture_corrects_noisy_landmarks(film: list[Picture]) ->
     assert degrees_off(track_film(film, TruthMeasurer(4.0))) < 0.5 * alone
 
 
+def test_landmarks_that_are_turned_alike_do_not_turn_a_face_that_the_texture_explains(
+    film: list[Picture],
+) -> None:
+    measurer = TruthMeasurer()
+    tracker = ModelTracker(HEAD, ACTIVE, STEP_S, measurer)
+    for step, frame in enumerate(film[:16]):
+        measurer.step = step
+        true = face_at(step)
+        pitch, yaw, roll = euler_deg(true.pose)
+        aside = pose_from_euler(pitch, yaw + 15, roll, true.pose.translation_mm)
+        measurer.false_face = replace(true, pose=aside) if step else None
+        found = tracker.update(frame)
+        assert found is not None
+        assert np.linalg.norm(np.subtract(euler_deg(found.pose), euler_deg(true.pose))) < 1.5
+
+
 def test_a_face_that_leaves_is_lost_and_recovered(film: list[Picture]) -> None:
     gone = frozenset(range(12, 22))
     empty = np.full_like(film[0], 90)

@@ -8,7 +8,12 @@ from studio import BROW, CAMERA, FACE, HEAD, JAW, PLACE, REST, Studio, angle_err
 
 from encoder.appearance.photometric import retinex
 from encoder.fitting.analysis_by_synthesis import RESIDUAL_SIGMA_GREY
-from encoder.thesis.coarse_to_fine import MIN_IMPROVEMENT, opposite_start
+from encoder.thesis.coarse_to_fine import (
+    MIN_BROW_IMPROVEMENT,
+    MIN_IMPROVEMENT,
+    brow_starts,
+    opposite_starts,
+)
 from encoder.thesis.person_texture import UPDATE_INTERVAL, FitOptions, PersonTexture
 from shared_model.geometry import pose_from_euler
 from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
@@ -96,15 +101,38 @@ def test_corners_on_the_wrong_side_of_rest_are_fitted_from_the_opposite_start(
     texture, picture = texture_of(studio), studio.draw(truth)
     # An actuator that may not move is what a fit that halts is.
     halted = fitted(texture, picture, held, [], 6)
-    freed = fitted(texture, picture, opposite_start(held), [index], 6)
+    [opposite] = opposite_starts(held, [index])
+    freed = fitted(texture, picture, opposite, [index], 6)
     assert freed.residual_mse_grey2 < (1 - MIN_IMPROVEMENT) * halted.residual_mse_grey2
     assert freed.face.eau[index] == pytest.approx(corners, abs=0.06)
+
+
+def test_brows_that_cancel_out_the_wrong_way_are_fitted_from_further_along(studio: Studio) -> None:
+    brows = [EAU_INDEX["eyebrow_middle"], EAU_INDEX["eyebrow_inner"]]
+    eau = np.zeros(len(EAUS))
+    eau[brows] = -0.4, 0.6
+    truth = replace(REST, eau=eau)
+    texture, picture = texture_of(studio), studio.draw(truth)
+    wrong = replace(truth, eau=np.where(np.isin(np.arange(len(EAUS)), brows), -eau / 2, eau))
+    starts = brow_starts(wrong, brows)
+    assert len(starts) == 2 and brow_starts(wrong, brows[:1]) == []
+    halted = fitted(texture, picture, wrong, [], 3)
+    fits = [fitted(texture, picture, start, brows, 3) for start in starts]
+    best = min(fits, key=lambda fit: fit.residual_mse_grey2)
+    assert best.residual_mse_grey2 < (1 - MIN_BROW_IMPROVEMENT) * halted.residual_mse_grey2
+    assert np.abs(best.face.eau - eau)[brows].max() < 0.2
 
 
 def test_a_wall_has_no_correlation_with_the_face(studio: Studio) -> None:
     random = np.random.default_rng(4)
     wall = random.integers(0, 256, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
     assert fitted(texture_of(studio), wall, REST, [JAW], 4).correlation < 0.4
+
+
+def test_a_blank_picture_has_no_correlation_with_the_face(studio: Studio) -> None:
+    blank = np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8)
+    for iterations in range(6):
+        assert fitted(texture_of(studio), blank, REST, [JAW], iterations).correlation == 0
 
 
 def test_a_face_outside_the_picture_has_no_correlation_and_raises_nothing(studio: Studio) -> None:
