@@ -44,8 +44,9 @@ MIN_POSE_POINTS = 6
 # Iterations of the fit, coarse and fine: in each frame, and after the face was lost.
 ITERATIONS = (3, 2)
 RECOVERY_ITERATIONS = (8, 5)
-# Correlation with the person's texture from which the fit is believed without landmarks: those of
-# turned heads are off by up to 25 degrees, all alike, so that no gate finds them.
+# Correlation with the person's texture, in the frame before and in this one, from which the fit is
+# believed without landmarks: those of turned heads are off by up to 25 degrees, all alike, so that
+# no gate finds them.
 TRUSTED_CORRELATION = 0.9
 # Successive frames without a trustworthy face after which it is lost.
 LOST_AFTER_FRAMES = 3
@@ -213,20 +214,20 @@ class ModelTracker:
             measurement = None
         luma, camera = luma_u8(frame), person.fitted.camera
         tracks = person.klt.track(luma, camera, predicted) if self._has("klt") else None
-        start = self._fuse(person, predicted, measurement, tracks)
+        landmarks_wait = self._has("abs") and self.confidence >= TRUSTED_CORRELATION
+        start = self._fuse(person, predicted, measurement, tracks, landmarks_wait)
         start = self._fed_back(frame, start)
         fit = None
         if self._has("abs"):
             fit = self._fit(person, luma, initial_faces(start, measurement), ITERATIONS)
         confidence = 1.0 if fit is None else max(0.0, fit.correlation)
+        if landmarks_wait and measurement is not None and confidence < TRUSTED_CORRELATION:
+            start = self._take_landmarks(start, measurement)
         if fit is not None and fit.correlation < MIN_CORRELATION and measurement is not None:
             # Landmarks find a face that the texture does not match: they are used alone.
-            self._take_landmarks(start, measurement)
             start, fit = measurement.face, None
         elif is_tracking_failure(self._has_landmarks() and measurement is None, tracks, fit):
             return self._coast(last)
-        if fit is not None and measurement is not None and fit.correlation < TRUSTED_CORRELATION:
-            start = self._take_landmarks(start, measurement)
         face = self._update_with_fit(start, fit)
         if not is_plausible(face, person.fitted):
             return self._coast(last)
@@ -243,9 +244,10 @@ class ModelTracker:
         predicted: FaceParameters,
         measurement: FrameMeasurement | None,
         tracks: Tracks | None,
+        lids_alone: bool,
     ) -> FaceParameters:
-        """The face by landmarks and KLT points; by KLT points and eyelids if texture is fitted."""
-        if self._fusion is not None and self._has("abs"):
+        """The face by landmarks, or their eyelids alone, and KLT points."""
+        if self._fusion is not None and lids_alone:
             return self._fusion.update(predicted, tracks, lids_of=measurement)
         if self._fusion is not None:
             return self._fusion.update(predicted, tracks, measurement)
