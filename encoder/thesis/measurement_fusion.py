@@ -87,15 +87,15 @@ class MeasurementFusion:
         self,
         predicted: FaceParameters,
         tracks: Tracks | None = None,
-        landmarks: FrameMeasurement | None = None,
+        points_of: FrameMeasurement | None = None,
+        actuators_of: FrameMeasurement | None = None,
         fit: TextureFit | None = None,
         fed_back: FedBackFace | None = None,
-        lids_of: FrameMeasurement | None = None,
     ) -> FaceParameters:
         """The face after an update by the given measurements; the others are taken as missing.
 
-        lids_of: landmarks of which the eyelids alone count.
-        Of `landmarks` and `lids_of` one at most, as of `fit` and `fed_back`.
+        points_of, actuators_of: landmarks of which the places count, and the actuators.
+        Of `actuators_of`, `fit` and `fed_back` one at most.
         """
         points, pixels = np.zeros((self._count, 3)), np.zeros((self._count, 2))
         variance = np.full(self._count, np.inf)
@@ -103,16 +103,14 @@ class MeasurementFusion:
         if tracks is not None:
             points[self._klt], pixels[self._klt] = tracks.points_mm, tracks.pixels
             variance[self._klt] = tracks.variance_px2
-        if lids_of is not None:
-            eau = lids_of.face.eau[self._active]
-            is_lid = np.isin(self._active, LIDS)
-            eau_variance[is_lid] = _landmark_eau_variance(lids_of)
-        if landmarks is not None:
+        if points_of is not None:
             at = self._landmarks
-            points[at], pixels[at] = landmarks.points_mm, landmarks.pixels
-            variance[at] = _variance_factor(landmarks) * landmarks.variance_px2
-            eau = landmarks.face.eau[self._active]
-            eau_variance[:] = _landmark_eau_variance(landmarks)
+            points[at], pixels[at] = points_of.points_mm, points_of.pixels
+            variance[at] = _variance_factor(points_of) * points_of.variance_px2
+        if actuators_of is not None:
+            eau = actuators_of.face.eau[self._active]
+            sigma = actuators_of.sigma_ratio * LANDMARK_EAU_SIGMA
+            eau_variance[:] = _variance_factor(actuators_of) * sigma**2
         if fit is not None:
             self._place_points(fit.face, 1.0, points, pixels, variance)
             eau = fit.face.eau[self._active]
@@ -161,11 +159,6 @@ def _variance_factor(landmarks: FrameMeasurement) -> float:
     # By the measured angle: a filter with a wrong angle would reject the landmarks.
     angle_deg = _off_axis_deg(landmarks.face.pose)
     return (1 + (angle_deg / ERROR_DOUBLING_DEG) ** 2) ** 2
-
-
-def _landmark_eau_variance(landmarks: FrameMeasurement) -> float:
-    sigma = landmarks.sigma_ratio * LANDMARK_EAU_SIGMA
-    return _variance_factor(landmarks) * sigma**2
 
 
 def _off_axis_deg(pose: Pose) -> float:

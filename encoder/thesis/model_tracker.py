@@ -45,9 +45,9 @@ MIN_POSE_POINTS = 6
 ITERATIONS = (3, 2)
 RECOVERY_ITERATIONS = (8, 5)
 # Correlation with the person's texture, in the frame before and in this one, from which the fit is
-# believed without landmarks: those of turned heads are off by up to 25 degrees, all alike, so that
-# no gate finds them.
-TRUSTED_CORRELATION = 0.9
+# believed without the places of landmarks: those of turned heads are off by up to 25 degrees, all
+# alike, so that no gate finds them.
+TRUSTED_CORRELATION = 0.95
 # Successive frames without a trustworthy face after which it is lost.
 LOST_AFTER_FRAMES = 3
 
@@ -214,15 +214,15 @@ class ModelTracker:
             measurement = None
         luma, camera = luma_u8(frame), person.fitted.camera
         tracks = person.klt.track(luma, camera, predicted) if self._has("klt") else None
-        landmarks_wait = self._has("abs") and self.confidence >= TRUSTED_CORRELATION
-        start = self._fuse(person, predicted, measurement, tracks, landmarks_wait)
+        trusted = self.confidence >= TRUSTED_CORRELATION and self._has("abs")
+        start = self._fuse(person, predicted, measurement, tracks, trusted)
         start = self._fed_back(frame, start)
         fit = None
         if self._has("abs"):
             fit = self._fit(person, luma, initial_faces(start, measurement), ITERATIONS)
         confidence = 1.0 if fit is None else max(0.0, fit.correlation)
-        if landmarks_wait and measurement is not None and confidence < TRUSTED_CORRELATION:
-            start = self._take_landmarks(start, measurement)
+        if trusted and confidence < TRUSTED_CORRELATION and self._fusion is not None:
+            start = self._fusion.update(start, points_of=measurement)
         if fit is not None and fit.correlation < MIN_CORRELATION and measurement is not None:
             # Landmarks find a face that the texture does not match: they are used alone.
             start, fit = measurement.face, None
@@ -244,13 +244,12 @@ class ModelTracker:
         predicted: FaceParameters,
         measurement: FrameMeasurement | None,
         tracks: Tracks | None,
-        lids_alone: bool,
+        actuators_alone: bool,
     ) -> FaceParameters:
-        """The face by landmarks, or their eyelids alone, and KLT points."""
-        if self._fusion is not None and lids_alone:
-            return self._fusion.update(predicted, tracks, lids_of=measurement)
+        """The face by landmarks, or their actuators alone, and KLT points."""
         if self._fusion is not None:
-            return self._fusion.update(predicted, tracks, measurement)
+            places = None if actuators_alone else measurement
+            return self._fusion.update(predicted, tracks, places, measurement)
         if measurement is not None:
             return measurement.face
         if tracks is None:
@@ -279,12 +278,6 @@ class ModelTracker:
         return fit_coarse_to_fine(
             person.textures, luma, starts, self._active, iterations, self._frame_number
         )
-
-    def _take_landmarks(
-        self, face: FaceParameters, measurement: FrameMeasurement
-    ) -> FaceParameters:
-        """The face after an update by landmarks."""
-        return face if self._fusion is None else self._fusion.update(face, landmarks=measurement)
 
     def _update_with_fit(self, start: FaceParameters, fit: TextureFit | None) -> FaceParameters:
         """The face by the fit of the texture, filtered."""
