@@ -14,6 +14,7 @@ from encoder.capture.video_source import open_source
 from encoder.detection.landmarks import open_landmark_tracker
 from protocol.summary import summarise
 from risorius.cli import main
+from risorius.face_track import track
 from shared_model.errors import UserError
 
 # Nothing of these can be imported, nor found.
@@ -58,6 +59,14 @@ def test_a_call_is_made_without_any_network(carphone: Path, tmp_path: Path) -> N
     assert "Viola-Jones" not in result.stderr
     summary = summarise(call)
     assert summary.profile == "thesis" and summary.frames == 12
+
+
+def test_its_parameters_measure_what_is_tracked(carphone: Path) -> None:
+    alone = track(str(carphone), max_frames=4, aam=BUILTIN)
+    fed_back = track(str(carphone), max_frames=4, aam=BUILTIN, aam_feedback=True)
+    assert np.isfinite(fed_back.eau).all()
+    np.testing.assert_array_equal(fed_back.eau[0], alone.eau[0])
+    assert np.abs(fed_back.eau[1:] - alone.eau[1:]).max() > 0.01
 
 
 def test_stills_are_annotated_by_it(carphone: Path, tmp_path: Path) -> None:
