@@ -57,18 +57,6 @@ def _dot(first: Single, second: Single) -> Single:
     return products
 
 
-@jit
-def subtract_scaled(vectors: Single, scale: Single, others: Single) -> Single:
-    """Vectors (h, w, 2) less others (h, w, 2), each times its scale (h, w)."""
-    less = np.empty_like(vectors)
-    for row in range(scale.shape[0]):
-        for column in range(scale.shape[1]):
-            for axis in range(2):
-                taken = scale[row, column] * others[row, column, axis]
-                less[row, column, axis] = vectors[row, column, axis] - taken
-    return less
-
-
 def moved_back(at: Single, coefficients: Array, fields: Single) -> Single:
     """Positions (h, w, 2) less the sum of fields (k, h, w, 2) times their coefficients (k,)."""
     return _moved_back(at, coefficients.astype(np.float32), fields)

@@ -1,14 +1,14 @@
 """Fits the layer coefficients of a frame: the least squared error around the face, Gauss-Newton."""
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from encoder.capture.colour import luma_f32
 from encoder.fitting.gauss_newton import Equations, gauss_newton
-from encoder.layers.displacement import dense, dot, moved_back, origins, sample, subtract_scaled
+from encoder.layers.displacement import dense, origins, sample
+from encoder.layers.layer_drawing import DrawnLayers, draw_layers
 from encoder.layers.layer_samples import (
     CoarseFrame,
     face_region,
@@ -26,7 +26,6 @@ from encoder.layers.scene_motion import (
     is_explained,
     residual_energy,
     scene_basis,
-    scene_origins,
     scene_pyramid,
 )
 from protocol.pictures.layered_background import SCENE_COEFFICIENTS
@@ -41,23 +40,6 @@ from shared_model.parameters import FaceParameters
 STEPS = 3
 # Share of a frame that must show the scene for it to tell the light alone.
 MIN_SCENE_SHARE = 0.1
-
-
-class _Drawn(NamedTuple):
-    """A coarse picture and what it is made of.
-
-    picture: (h, w) luma.  at: (h, w, 2) where the person comes from.  alpha: (h, w) of the person.
-    moves: (k, h, w, 2) coarse pixels, of each field.  changes: (c, h, w) luma, of each change.
-    scene: (h, w) luma.  moving: (s, h, w) its derivatives by its motion.
-    """
-
-    picture: Single
-    at: Single
-    alpha: Single
-    moves: Single
-    changes: Single
-    scene: Single
-    moving: Single
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,19 +69,23 @@ class LayerFitter:
     scene_moves: bool = False
     start_sigma: float = 0.0
     follows_light: bool = False
-    # Of person, alpha and scene, as `gradient` has them.
-    _gradients: tuple[Single, Single, Single] = field(init=False, repr=False)
+    # Person, alpha, scene and changes as `draw_layers` takes them.
+    _packed: tuple[Single, Single, Single, Single] = field(init=False, repr=False)
     # Of a scene that moves.
     _pyramid: ScenePyramid = field(init=False, repr=False)
     # What takes the first steps; None: the fitter itself.
     _smoothed: "LayerFitter | None" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        gradients = gradient(self.person), gradient(self.alpha), gradient(self.scene)
-        object.__setattr__(self, "_gradients", gradients)
+        object.__setattr__(self, "_packed", self._pack())
         pyramid = scene_pyramid(self.scene) if self.scene_moves else ()
         object.__setattr__(self, "_pyramid", pyramid)
         object.__setattr__(self, "_smoothed", self._smooth() if self.start_sigma else None)
+
+    def _pack(self) -> tuple[Single, Single, Single, Single]:
+        images = self.person, self.alpha, self.scene
+        person, opaque, scene = (np.dstack([each, gradient(each)]) for each in images)
+        return person, opaque, scene, np.ascontiguousarray(self.changes.transpose(1, 2, 0))
 
     def _smooth(self) -> "LayerFitter":
         """The same of smooth pictures, half as large in each direction."""
@@ -126,7 +112,8 @@ class LayerFitter:
         parameters: of the face.  outline_px: (n, 2) of the face, source pixels.
         """
         luma = luma_f32(shrunk(picture, (self.scene.shape[0], self.scene.shape[1])))
-        frame = self._placed(luma, parameters, outline_px)
+        motion = motion_with_head(self.mesh, self.face, parameters)
+        frame = self._placed(luma, motion, outline_px)
         light = np.zeros(0)
         if self.follows_light:
             alpha = sample(self.alpha, frame.origins)
@@ -138,17 +125,17 @@ class LayerFitter:
         smoothed, smooth = self._smoothed, None
         if smoothed is not None:
             luma = self._smoothed_half(normalised.luma)
-            smooth = smoothed._placed(luma, parameters, outline_px)
+            smooth = smoothed._placed(luma, motion, outline_px)
         coefficients = self.fit_motion(normalised, smooth)
         if light.any():
             drawn = self._drawn(frame.origins, coefficients)
             light = _fit_scene_light(drawn.picture, drawn.alpha, frame)
         return np.append(coefficients, light)
 
-    def _placed(self, luma: Single, parameters: FaceParameters, outline_px: Array) -> CoarseFrame:
-        """A frame (h, w).  parameters, outline_px: see `fit`."""
+    def _placed(self, luma: Single, motion: Array, outline_px: Array) -> CoarseFrame:
+        """A frame (h, w).  motion: of the person, see `dense`.  outline_px: see `fit`."""
         outside = (~self.face_region(outline_px)).astype(np.float32)
-        return CoarseFrame(luma, self._origins(parameters), outside)
+        return CoarseFrame(luma, self._origins(motion), outside)
 
     def fit_motion(self, frame: CoarseFrame, smooth: CoarseFrame | None = None) -> Array:
         """(k + c + s,) the coefficients of a frame in the light of the layers.
@@ -163,10 +150,12 @@ class LayerFitter:
             motion = self._scene_motion(frame) if motion is None else motion
             coefficients[-SCENE_COEFFICIENTS:] = motion
         if smoothed is not None and smooth is not None:
-            coefficients = smoothed._refined(coefficients, smooth)
-        coefficients = self._refined(coefficients, frame)
+            moves = smoothed._moves(smooth.origins)
+            coefficients = smoothed._refined(coefficients, smooth, moves)
+        moves = self._moves(frame.origins)
+        coefficients = self._refined(coefficients, frame, moves)
         if self.start_sigma and self.scene_moves:
-            return self._doubted(coefficients, frame)
+            return self._doubted(coefficients, frame, moves)
         return coefficients
 
     def with_scene_motion(self, frame: CoarseFrame) -> CoarseFrame:
@@ -177,27 +166,29 @@ class LayerFitter:
         behind = frame.outside * (1 - sample(self.alpha, frame.origins))
         return fit_scene_motion(self._pyramid, frame.luma, behind)
 
-    def _refined(self, coefficients: Array, frame: CoarseFrame) -> Array:
-        """The coefficients of a frame after some Gauss-Newton steps."""
-        moves = self._moves(frame.origins)
+    def _refined(self, coefficients: Array, frame: CoarseFrame, moves: Single) -> Array:
+        """The coefficients of a frame after some Gauss-Newton steps.  moves: see `_moves`."""
 
         def equations(coefficients: Array) -> Equations:
             drawn = self._drawn(frame.origins, coefficients, moves)
             residual = frame.luma - drawn.picture
             around = np.asarray(cv2.blur(residual, (3, 3)), np.float32)
             weight = cauchy_weight(around, weight=frame.outside)
-            return coarse_equations(self._slopes(drawn), residual, weight)
+            return coarse_equations(drawn.rows, residual, weight)
 
         def moved(coefficients: Array, step: Array) -> Array:
             return np.clip(coefficients + step, *self.limits.T)
 
         return gauss_newton(equations, coefficients, moved, STEPS)[0]
 
-    def _doubted(self, coefficients: Array, frame: CoarseFrame) -> Array:
-        """The coefficients, with a scene at rest unless its motion explains much of a frame."""
+    def _doubted(self, coefficients: Array, frame: CoarseFrame, moves: Single) -> Array:
+        """The coefficients, with a scene at rest unless its motion explains much of a frame.
+
+        moves: see `_moves`.
+        """
         at_rest = coefficients.copy()
         at_rest[-SCENE_COEFFICIENTS:] = 0
-        moving, still = (self._drawn(frame.origins, own) for own in (coefficients, at_rest))
+        moving, still = (self._drawn(frame.origins, own, moves) for own in (coefficients, at_rest))
         behind = frame.outside * (1 - moving.alpha)
         left, before = (
             residual_energy(frame.luma, each.picture, behind) for each in (moving, still)
@@ -206,7 +197,7 @@ class LayerFitter:
 
     def draw(self, parameters: FaceParameters, coefficients: Array) -> Single:
         """(h, w) the coarse luma of a frame, without the face."""
-        return self.draw_at(self._origins(parameters), coefficients)
+        return self.draw_at(self._origins_of(parameters), coefficients)
 
     def draw_at(self, at: Single, coefficients: Array) -> Single:
         """The same.  at: (h, w, 2) the origins of a frame, see `CoarseFrame`."""
@@ -216,8 +207,8 @@ class LayerFitter:
     def jacobian(self, parameters: FaceParameters, coefficients: Array) -> Single:
         """(k + c + s + l, h, w) grey levels of the coarse picture per unit of each coefficient."""
         motion, light = np.split(coefficients, [len(self.limits)])
-        layers = self._drawn(self._origins(parameters), motion)
-        drawn, rows = layers.picture, self._slopes(layers)
+        layers = self._drawn(self._origins_of(parameters), motion)
+        drawn, rows = layers.picture, layers.rows
         if not self.follows_light:
             return rows
         by_light = UNIT_GAIN * (drawn - PIVOT_GREY), np.full_like(drawn, UNIT_GREY)
@@ -230,65 +221,37 @@ class LayerFitter:
         person is sampled.
         """
         drawn = self._drawn(at, coefficients)
-        return drawn.picture, self._slope(drawn)
+        return drawn.picture, drawn.slope
 
     def face_region(self, outline_px: Array) -> Mask:
         """(h, w) where the coarse picture shows the face.  outline_px: see `fit`."""
         return face_region(outline_px, self.size, (self.scene.shape[0], self.scene.shape[1]))
 
-    def _origins(self, parameters: FaceParameters) -> Single:
-        motion = motion_with_head(self.mesh, self.face, parameters)
+    def _origins_of(self, parameters: FaceParameters) -> Single:
+        return self._origins(motion_with_head(self.mesh, self.face, parameters))
+
+    def _origins(self, motion: Array) -> Single:
+        """Where the person comes from, see `CoarseFrame`.  motion: see `dense`."""
         shape = self.scene.shape[0], self.scene.shape[1]
         return origins(dense(motion, self.size, shape))
 
-    def _slopes(self, drawn: _Drawn) -> Single:
-        """(k + c + s, h, w) the derivatives of a picture by its coefficients."""
-        by_fields = -dot(drawn.moves, self._slope(drawn))
-        by_scene = (1 - drawn.alpha) * drawn.moving
-        return np.concatenate([by_fields, drawn.changes, by_scene]).astype(np.float32, copy=False)
-
-    def _slope(self, drawn: _Drawn) -> Single:
-        """(h, w, 2) the derivative of a picture by the position of the person."""
-        of_person, of_alpha, _ = self._gradients
-        return subtract_scaled(sample(of_person, drawn.at), drawn.scene, sample(of_alpha, drawn.at))
-
     def _moves(self, at: Single) -> Single:
-        """(k, h, w, 2) see `_Drawn`."""
+        """(k, h, w, 2) see `draw_layers`."""
         moves = np.empty((len(self.fields), *at.shape), np.float32)
         for number, each in enumerate(self.fields):
             moves[number] = sample(each, at)
         return moves
 
-    def _drawn(self, at: Single, coefficients: Array, moves: Single | None = None) -> _Drawn:
+    def _drawn(self, at: Single, coefficients: Array, moves: Single | None = None) -> DrawnLayers:
         """The picture with these coefficients.  The person comes from `at` (h, w, 2).
 
         moves: see `_moves`.
         """
-        count, changed = len(self.fields), len(self.fields) + len(self.changes)
-        scene, scene_changes, moving = self._moved_scene(coefficients[changed:])
-        moves = self._moves(at) if moves is None else moves
-        at = moved_back(at, coefficients[:count], moves)
-        person, alpha = sample(self.person, at), sample(self.alpha, at)
-        added = coefficients[count:changed].astype(np.float32)
-        own_changes = np.array([sample(change, at) for change in self.changes], np.float32)
-        changes = (1 - alpha) * scene_changes + alpha * own_changes.reshape(-1, *alpha.shape)
-        drawn = (1 - alpha) * scene + person + np.tensordot(added, changes, 1)
-        picture = np.asarray(drawn, np.float32)
-        return _Drawn(picture, at, alpha, moves, changes, scene, moving)
-
-    def _moved_scene(self, own: Array) -> tuple[Single, Single, Single]:
-        """(h, w) the scene, (c, h, w) its changes, and (s, h, w) derivatives by its motion.
-
-        own: (s,) coefficients of the scene's motion.
-        """
         shape = self.scene.shape[0], self.scene.shape[1]
-        if not len(own):
-            return self.scene, self.changes, np.zeros((0, *shape), np.float32)
-        basis = scene_basis(shape)
-        at = scene_origins(basis, own)
-        changes = np.array([sample(change, at) for change in self.changes], np.float32)
-        derivatives = -dot(basis, sample(self._gradients[2], at))
-        return sample(self.scene, at), changes.reshape(-1, *shape), derivatives
+        is_moving = len(coefficients) > len(self.fields) + len(self.changes)
+        basis = scene_basis(shape) if is_moving else np.zeros((0, *shape, 2), np.float32)
+        moves = self._moves(at) if moves is None else moves
+        return draw_layers(*self._packed, at, moves, basis, coefficients)
 
 
 def _fit_scene_light(picture: Single, alpha: Single, frame: CoarseFrame) -> Array:

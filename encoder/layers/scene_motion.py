@@ -11,12 +11,12 @@ from runtime.cauchy_weight import cauchy_weight
 from shared_model.arrays import Array, Single
 from shared_model.layers.scene_motion import displacement_basis
 
-# A picture (h, w) and its gradient (h, w, 2) at each of `BLUR_SIGMAS`.
+# A blurred picture (h, w) and its gradient (h, w, 2), half as large and whole.
 ScenePyramid = tuple[tuple[Single, Single], ...]
 
-# Standard deviations of the kernels by which pictures are blurred, coarse pixels, and Gauss-Newton
-# steps at each.
-BLUR_SIGMAS, STEPS = (4.0, 1.5), 3
+# Of pictures half as large and of whole ones: standard deviations, pixels, of the kernels by which
+# they are blurred, and Gauss-Newton steps at each.
+HALF_SIGMA, WHOLE_SIGMA, STEPS = 2.0, 1.5, 3
 # The scene moves if that leaves at most this share of the squared residual behind the person, of
 # which a pixel counts at most so many squared grey levels.
 MAX_LEFT, MAX_GREY2 = 0.6, 400.0
@@ -41,16 +41,20 @@ def scene_origins(basis: Single, motion: Array) -> Single:
 
 def scene_pyramid(scene: Single) -> ScenePyramid:
     """A scene (h, w) as `fit_scene_motion` takes it."""
-    pictures = [blurred(scene, sigma) for sigma in BLUR_SIGMAS]
-    return tuple((picture, gradient(picture)) for picture in pictures)
+    return tuple((picture, gradient(picture)) for picture in _blurred_pictures(scene))
+
+
+def _blurred_pictures(image: Single) -> tuple[Single, Single]:
+    """An image (h, w), half as large and whole."""
+    return blurred(halved(image), HALF_SIGMA), blurred(image, WHOLE_SIGMA)
 
 
 def fit_scene_motion(scene: ScenePyramid, luma: Single, weight: Single) -> Array:
     """(4,) how the scene moves in a frame.  luma, weight: (h, w) of the frame."""
     motion = np.zeros(4)
-    for sigma, (picture, slope) in zip(BLUR_SIGMAS, scene, strict=True):
-        target = blurred(luma, sigma)
-        equations = partial(_equations, picture, slope, target, weight)
+    levels = zip(scene, _blurred_pictures(luma), (halved(weight), weight), strict=True)
+    for (picture, slope), target, counted in levels:
+        equations = partial(_equations, picture, slope, target, counted)
         motion, _ = gauss_newton(equations, motion, np.add, STEPS)
     return motion
 
@@ -72,9 +76,9 @@ def coarse_equations(jacobian: Single, residual: Single, weight: Single) -> Equa
 
     jacobian: (k, h, w) of what is drawn.  residual, weight: (h, w).
     """
-    rows = jacobian.reshape(len(jacobian), -1).astype(np.float64)
+    rows = jacobian.reshape(len(jacobian), -1)
     weighted = rows * weight.ravel()
-    normal = weighted @ rows.T
+    normal = (weighted @ rows.T).astype(np.float64)
     ridge = RELATIVE_RIDGE * np.diag(normal) + RIDGE_GREY2 * rows.shape[1]
     return normal + np.diag(ridge), weighted @ residual.ravel()
 

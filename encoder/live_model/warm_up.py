@@ -16,8 +16,9 @@ from encoder.coding.rdo_quantiser import code_packet
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.fitting.identity import TYPICAL_FOCAL_RATIO
 from encoder.fitting.landmark_fit import landmark_model
-from encoder.layers.displacement import dot, moved_back, pixel_grid, subtract_scaled
+from encoder.layers.displacement import dot, moved_back, pixel_grid
 from encoder.layers.field_refinement import add_fields, add_pixels
+from encoder.layers.layer_drawing import draw_layers
 from encoder.layers.person_picture import squared_errors
 from encoder.layers.scene import SceneLayer
 from encoder.layers.scene_motion import scene_basis, scene_origins
@@ -75,10 +76,11 @@ def _load_loops_of_layers() -> None:
     moving.origins(0, pixel_grid((4, 4)), (4, 4), (8, 8))
     basis, positions = scene_basis((4, 4)), np.zeros((4, 4, 2), np.float32)
     scene_origins(basis, np.zeros(len(basis)))
-    for fields in (basis, basis.copy()):
-        dot(fields, positions)
+    fields, change = basis.copy(), mean[..., :1].copy()
+    dot(basis, positions)
     moved_back(positions, np.zeros(len(fields)), fields)
-    subtract_scaled(positions, fields[0, ..., 0].copy(), positions)
+    for by_scene in (basis, fields):
+        draw_layers(mean, mean, mean, change, positions, fields, by_scene, np.zeros(9))
     squares, products, pairs = np.zeros((2, 2, 4, 4)), np.zeros((2, 4)), np.zeros((2, 2))
     corners, shares = np.zeros((4, 2), np.intp), np.zeros((4, 2))
     add_pixels(squares, products, corners, shares, pairs, pairs, np.zeros(2, np.float32))

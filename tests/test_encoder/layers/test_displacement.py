@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from encoder.layers.displacement import dot, moved_back, subtract_scaled
+from encoder.layers.displacement import dot, moved_back
 
 RANDOM = np.random.default_rng(8)
 FIELDS = RANDOM.normal(0, 3, (4, 5, 7, 2)).astype(np.float32)
@@ -21,9 +21,3 @@ def test_positions_are_moved_back_by_the_sum_of_the_fields() -> None:
 
 def test_without_fields_positions_stay() -> None:
     np.testing.assert_array_equal(moved_back(VECTORS, np.zeros(0), FIELDS[:0]), VECTORS)
-
-
-def test_vectors_are_taken_times_their_scale() -> None:
-    scale = VECTORS[..., 0].copy()
-    expected = VECTORS - scale[..., None] * FIELDS[0]
-    np.testing.assert_array_equal(subtract_scaled(VECTORS, scale, FIELDS[0]), expected)
