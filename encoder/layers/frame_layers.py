@@ -35,9 +35,11 @@ class FrameLayers:
         """Number of layer coefficients of a frame."""
         return len(self.distortion)
 
-    def fitted(self, picture: Picture, face: FaceParameters, outline_px: Array) -> FaceParameters:
+    def fitted(
+        self, picture: Picture, face: FaceParameters, outline_px: Array, follows: bool = False
+    ) -> FaceParameters:
         """A face with the layer coefficients of its frame, see `LayerFitter.fit`."""
-        return replace(face, layers=self.fitter.fit(picture, face, outline_px))
+        return replace(face, layers=self.fitter.fit(picture, face, outline_px, follows))
 
     def with_wide_limits(self) -> "FrameLayers":
         """The same for frames that may differ far from those that the layers were learned from."""

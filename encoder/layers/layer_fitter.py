@@ -36,8 +36,10 @@ from shared_model.layers.head_motion import BackgroundMesh
 from shared_model.layers.light import PIVOT_GREY, UNIT_GAIN, UNIT_GREY, light_of
 from shared_model.parameters import FaceParameters
 
-# Gauss-Newton steps.
-STEPS = 3
+# Gauss-Newton steps, at most; one that takes less than this from the squared residual, squared grey
+# levels per pixel of the coarse picture, is the last.
+STEPS, MIN_DECREASE_GREY2 = 3, 0.02
+UNKNOWN: Array = np.zeros(0)
 # Share of a frame that must show the scene for it to tell the light alone.
 MIN_SCENE_SHARE = 0.1
 
@@ -106,10 +108,14 @@ class LayerFitter:
     def _smoothed_half(self, image: Single) -> Single:
         return halved(blurred(image, self.start_sigma))
 
-    def fit(self, picture: Picture, parameters: FaceParameters, outline_px: Array) -> Array:
+    def fit(
+        self, picture: Picture, parameters: FaceParameters, outline_px: Array, follows: bool = False
+    ) -> Array:
         """(k + c + s + l,) the coefficients of a frame (h, w, 3) uint8 BGR.
 
         parameters: of the face.  outline_px: (n, 2) of the face, source pixels.
+        follows: the layer coefficients of `parameters` are those of the frame before, from which
+            the fit starts.
         """
         luma = luma_f32(shrunk(picture, (self.scene.shape[0], self.scene.shape[1])))
         motion = motion_with_head(self.mesh, self.face, parameters)
@@ -123,10 +129,11 @@ class LayerFitter:
         if light.any():
             normalised = replace(frame, luma=unlit(frame.luma, light_of(light)))
         smoothed, smooth = self._smoothed, None
-        if smoothed is not None:
+        before = parameters.layers[: len(self.limits)] if follows else np.zeros(0)
+        if smoothed is not None and not before.any():
             luma = self._smoothed_half(normalised.luma)
             smooth = smoothed._placed(luma, motion, outline_px)
-        coefficients = self.fit_motion(normalised, smooth)
+        coefficients = self.fit_motion(normalised, smooth, before)
         if light.any():
             drawn = self._drawn(frame.origins, coefficients)
             light = _fit_scene_light(drawn.picture, drawn.alpha, frame)
@@ -137,19 +144,25 @@ class LayerFitter:
         outside = (~self.face_region(outline_px)).astype(np.float32)
         return CoarseFrame(luma, self._origins(motion), outside)
 
-    def fit_motion(self, frame: CoarseFrame, smooth: CoarseFrame | None = None) -> Array:
+    def fit_motion(
+        self, frame: CoarseFrame, smooth: CoarseFrame | None = None, before: Array = UNKNOWN
+    ) -> Array:
         """(k + c + s,) the coefficients of a frame in the light of the layers.
 
         smooth: the same for the first steps, see `start_sigma`.
+        before: the coefficients to start from; none or zeros: they are not known.
         """
         coefficients, smoothed = np.zeros(len(self.limits)), self._smoothed
         if not len(coefficients):
             return coefficients
-        if self.scene_moves:
+        if before.any():
+            coefficients = before
+        elif self.scene_moves:
             motion = frame.scene_motion
             motion = self._scene_motion(frame) if motion is None else motion
             coefficients[-SCENE_COEFFICIENTS:] = motion
         if smoothed is not None and smooth is not None:
+            # Of a model of the first frame alone.
             moves = smoothed._moves(smooth.origins)
             coefficients = smoothed._refined(coefficients, smooth, moves)
         moves = self._moves(frame.origins)
@@ -179,7 +192,8 @@ class LayerFitter:
         def moved(coefficients: Array, step: Array) -> Array:
             return np.clip(coefficients + step, *self.limits.T)
 
-        return gauss_newton(equations, coefficients, moved, STEPS)[0]
+        enough = MIN_DECREASE_GREY2 * frame.luma.size
+        return gauss_newton(equations, coefficients, moved, STEPS, enough)[0]
 
     def _doubted(self, coefficients: Array, frame: CoarseFrame, moves: Single) -> Array:
         """The coefficients, with a scene at rest unless its motion explains much of a frame.

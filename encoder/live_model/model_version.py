@@ -39,6 +39,9 @@ RESERVED_MODES = MAX_MODES - BUDGETS["live"].max_modes
 # coarse quantiser steps of a live call's beginning would lose it.  The difference of the two
 # eyelids counts less: people shut both.
 EYELID_DISTORTION = 500.0 * np.array([[1.0, 0.8], [0.8, 1.0]])
+# Of what errors of the layers count in a recorded call: .6 dB of carphone's face, of its whole
+# picture .1.
+LIVE_LAYER_SHARE = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +146,8 @@ class ModelVersion:
         face = self.image_fitter.fit(sample.crop, self.fit_texels(sample, initial), outline)
         if self.frame_layers is None or sample.coarse is None:
             return face
-        return self.frame_layers.fitted(sample.coarse, face, outline)
+        follows = len(face.layers) == self.frame_layers.count
+        return self.frame_layers.fitted(sample.coarse, face, outline, follows)
 
     def fit_texels(
         self,
@@ -216,7 +220,9 @@ class ModelVersion:
 def live_distortion(model: DistortionModel, modes: Single, layers: FrameLayers | None) -> Array:
     """(d, d) the distortion of y, see `ModelVersion`.  modes: (m, k) luma."""
     distortion = model.distortion_matrix(modes, EYELID_DISTORTION)
-    return distortion if layers is None else with_layers(distortion, layers.distortion)
+    if layers is None:
+        return distortion
+    return with_layers(distortion, LIVE_LAYER_SHARE * layers.distortion)
 
 
 def _zero_padded(values: Array, count: int) -> Array:
