@@ -21,7 +21,7 @@ from shared_model.arrays import Picture
 
 WIDTH, HEIGHT = 320, 240
 PERSON_GONE = ControlKind.PERSON_GONE
-FIRST, GAP, SECOND = 40, 20, 45
+FIRST, GAP, SECOND = 40, 20, 40
 # Of a second person whose model is learned from the whole recording.
 FEW = 30
 # The face of the one in place of that of the other gives less, the right one more, dB.
