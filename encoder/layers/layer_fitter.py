@@ -36,9 +36,9 @@ from shared_model.layers.head_motion import BackgroundMesh
 from shared_model.layers.light import PIVOT_GREY, UNIT_GAIN, UNIT_GREY, light_of
 from shared_model.parameters import FaceParameters
 
-# Gauss-Newton steps, at most; one that takes less than this from the squared residual, squared grey
-# levels per pixel of the coarse picture, is the last.
-STEPS, MIN_DECREASE_GREY2 = 3, 0.02
+# Gauss-Newton steps, at most, and of a fit that starts from the frame before.  One that takes less
+# than this from the squared residual, squared grey levels per pixel, is the last.
+STEPS, FOLLOWING_STEPS, MIN_DECREASE_GREY2 = 8, 3, 0.02
 UNKNOWN: Array = np.zeros(0)
 # Share of a frame that must show the scene for it to tell the light alone.
 MIN_SCENE_SHARE = 0.1
@@ -166,7 +166,8 @@ class LayerFitter:
             moves = smoothed._moves(smooth.origins)
             coefficients = smoothed._refined(coefficients, smooth, moves)
         moves = self._moves(frame.origins)
-        coefficients = self._refined(coefficients, frame, moves)
+        steps = FOLLOWING_STEPS if before.any() else STEPS
+        coefficients = self._refined(coefficients, frame, moves, steps)
         if self.start_sigma and self.scene_moves:
             return self._doubted(coefficients, frame, moves)
         return coefficients
@@ -179,7 +180,9 @@ class LayerFitter:
         behind = frame.outside * (1 - sample(self.alpha, frame.origins))
         return fit_scene_motion(self._pyramid, frame.luma, behind)
 
-    def _refined(self, coefficients: Array, frame: CoarseFrame, moves: Single) -> Array:
+    def _refined(
+        self, coefficients: Array, frame: CoarseFrame, moves: Single, steps: int = STEPS
+    ) -> Array:
         """The coefficients of a frame after some Gauss-Newton steps.  moves: see `_moves`."""
 
         def equations(coefficients: Array) -> Equations:
@@ -193,7 +196,7 @@ class LayerFitter:
             return np.clip(coefficients + step, *self.limits.T)
 
         enough = MIN_DECREASE_GREY2 * frame.luma.size
-        return gauss_newton(equations, coefficients, moved, STEPS, enough)[0]
+        return gauss_newton(equations, coefficients, moved, steps, enough)[0]
 
     def _doubted(self, coefficients: Array, frame: CoarseFrame, moves: Single) -> Array:
         """The coefficients, with a scene at rest unless its motion explains much of a frame.

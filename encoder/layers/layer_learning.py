@@ -60,7 +60,7 @@ HAIR_MARGIN, NECK_WIDTHS, BODY_BELOW = 0.15, 0.5, 1.5
 BODY_SIGMA, SCENE_SIGMA, MAX_SIGMAS = 0.06, 0.5, 6.0
 # Weight of an error around the face in the layers of a single frame, against that in learned ones:
 # the bits of the first second are few, and the face needs them.
-FIRST_SHARE = 0.1
+FIRST_SHARE = 1 / 3
 # See `LayerFitter.start_sigma`.
 START_SIGMA = 3.0
 
