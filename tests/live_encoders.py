@@ -8,7 +8,7 @@ from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
 from encoder.coding.gop import gop_for_fps
 from encoder.coding.model_packet import budget_for
-from encoder.live_model.learner import LocalLearner
+from encoder.live_model.learner import Learner, LocalLearner
 from encoder.live_model.pacing import pacing_of
 from protocol.link.interface import PacketSink
 
@@ -22,9 +22,11 @@ def live_encoder(
     delay_s: float = 0.0,
     waits_for_modes: bool = False,
     clock: Callable[[], float] = lambda: 0.0,
+    learner: Learner | None = None,
 ) -> LiveEncoder:
-    """An encoder of 800 bit/s; what it learns is there at once.
+    """An encoder of 800 bit/s.
 
+    learner: None: what it learns is there at once.
     clock: by which it may be late; one that stands still unless it is given.
     """
     return LiveEncoder(
@@ -32,7 +34,7 @@ def live_encoder(
         PacketSender(sink, stats),
         stats,
         LiveSettings(budget_for("live", model_bytes), 800, gop_for_fps(capture.fps, None), 10),
-        LocalLearner(),
+        learner or LocalLearner(),
         pacing_of(capture.is_live, realtime, delay_s, waits_for_modes),
         clock=clock,
     )
