@@ -41,7 +41,7 @@ class ModelBudget:
 # with its shape and tables at most 8192 of them.
 BUDGETS = {
     "thesis": ModelBudget(384, 8000, 8000),
-    "default": ModelBudget(256, 7380, 3700, 24),
+    "default": ModelBudget(256, 7340, 3700, 24),
     "live": ModelBudget(256, 8000, 2000, 24),
 }
 

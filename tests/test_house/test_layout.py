@@ -2,6 +2,7 @@
 
 import ast
 import sys
+from collections import Counter
 from functools import cache
 from graphlib import TopologicalSorter
 from itertools import accumulate
@@ -131,6 +132,12 @@ def imports(path: Path) -> tuple[str, ...]:
 
 def is_within(module: str, allowed: set[str]) -> bool:
     return any(module == prefix or module.startswith(f"{prefix}.") for prefix in allowed)
+
+
+def test_no_two_test_files_have_one_name() -> None:
+    """Pytest imports them by their names alone."""
+    names = Counter(path.name for path in (ROOT / "tests").rglob("test_*.py"))
+    assert [each for each, count in names.items() if count > 1] == []
 
 
 # __main__ files put the program together and may reach for the command line.
