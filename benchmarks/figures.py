@@ -163,7 +163,7 @@ def main(arguments: Sequence[str]) -> None:
     for name in options.only:
         folder = options.out / name
         report = folder / "report.json"
-        if not report.is_file():
+        if not is_whole(report, len(options.clip)):
             risorius = [sys.executable, "-m", "risorius"]
             done = subprocess.run([*risorius, *command(name, options.clip, folder)])
             if done.returncode or not report.is_file():
@@ -173,6 +173,13 @@ def main(arguments: Sequence[str]) -> None:
         MEASUREMENTS.write_text(text, encoding="utf-8")
         if name == "curves":
             draw_curves(content, MEASUREMENTS.parent / "figures" / "curves.svg")
+
+
+def is_whole(report: Path, clips: int) -> bool:
+    """Whether a report is there and has so many clips: one that was broken off has fewer."""
+    if not report.is_file():
+        return False
+    return len(json.loads(report.read_text(encoding="utf-8"))["clips"]) == clips
 
 
 def draw_curves(report: Mapping[str, Any], path: Path) -> None:

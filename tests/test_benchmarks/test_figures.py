@@ -1,10 +1,20 @@
 """Tables of docs/measurements.md: each set's figures go between its own marks."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from benchmarks.figures import COLUMNS, MEASUREMENTS, SETS, command, markdown, marks, replaced
+from benchmarks.figures import (
+    COLUMNS,
+    MEASUREMENTS,
+    SETS,
+    command,
+    is_whole,
+    markdown,
+    marks,
+    replaced,
+)
 from loopback.bench import AVERAGED_FIGURES
 from loopback.curves.contenders import Rung
 from loopback.curves.curve_bench import CurveSettings, curve_report
@@ -64,13 +74,18 @@ def test_the_document_has_a_place_for_each_set(name: str) -> None:
     assert text.index(begin) < text.index(end)
 
 
+def test_a_report_that_was_broken_off_is_measured_again(tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    assert not is_whole(report, 2)
+    report.write_text('{"clips": [{"clip": "a.mp4"}]}', encoding="utf-8")
+    assert not is_whole(report, 2) and is_whole(report, 1)
+
+
 def test_the_document_is_short() -> None:
     assert len(MEASUREMENTS.read_text(encoding="utf-8").splitlines()) <= 200
 
 
 def test_a_set_is_measured_by_a_bench() -> None:
-    from pathlib import Path
-
     assert command("busy", ["a.mp4"], Path("out/busy")) == [
         *("bench", "--live", "--busy", "1", "a.mp4", "--max-frames", "300", "--out", "out/busy")
     ]
