@@ -35,11 +35,9 @@ class FrameLayers:
         """Number of layer coefficients of a frame."""
         return len(self.distortion)
 
-    def fitted(
-        self, picture: Picture, face: FaceParameters, outline_px: Array, follows: bool = False
-    ) -> FaceParameters:
+    def fitted(self, picture: Picture, face: FaceParameters, outline_px: Array) -> FaceParameters:
         """A face with the layer coefficients of its frame, see `LayerFitter.fit`."""
-        return replace(face, layers=self.fitter.fit(picture, face, outline_px, follows))
+        return replace(face, layers=self.fitter.fit(picture, face, outline_px))
 
     def with_wide_limits(self) -> "FrameLayers":
         """The same for frames that may differ far from those that the layers were learned from."""

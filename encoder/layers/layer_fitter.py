@@ -108,14 +108,12 @@ class LayerFitter:
     def _smoothed_half(self, image: Single) -> Single:
         return halved(blurred(image, self.start_sigma))
 
-    def fit(
-        self, picture: Picture, parameters: FaceParameters, outline_px: Array, follows: bool = False
-    ) -> Array:
+    def fit(self, picture: Picture, parameters: FaceParameters, outline_px: Array) -> Array:
         """(k + c + s + l,) the coefficients of a frame (h, w, 3) uint8 BGR.
 
-        parameters: of the face.  outline_px: (n, 2) of the face, source pixels.
-        follows: the layer coefficients of `parameters` are those of the frame before, from which
-            the fit starts.
+        parameters: of the face; if they have layer coefficients, those of the frame before, the fit
+            starts from them.
+        outline_px: (n, 2) of the face, source pixels.
         """
         luma = luma_f32(shrunk(picture, (self.scene.shape[0], self.scene.shape[1])))
         motion = motion_with_head(self.mesh, self.face, parameters)
@@ -129,7 +127,8 @@ class LayerFitter:
         if light.any():
             normalised = replace(frame, luma=unlit(frame.luma, light_of(light)))
         smoothed, smooth = self._smoothed, None
-        before = parameters.layers[: len(self.limits)] if follows else np.zeros(0)
+        is_known = len(parameters.layers) == len(self.limits) + len(light)
+        before = parameters.layers[: len(self.limits)] if is_known else UNKNOWN
         if smoothed is not None and not before.any():
             luma = self._smoothed_half(normalised.luma)
             smooth = smoothed._placed(luma, motion, outline_px)
@@ -162,7 +161,6 @@ class LayerFitter:
             motion = self._scene_motion(frame) if motion is None else motion
             coefficients[-SCENE_COEFFICIENTS:] = motion
         if smoothed is not None and smooth is not None:
-            # Of a model of the first frame alone.
             moves = smoothed._moves(smooth.origins)
             coefficients = smoothed._refined(coefficients, smooth, moves)
         moves = self._moves(frame.origins)

@@ -146,8 +146,7 @@ class ModelVersion:
         face = self.image_fitter.fit(sample.crop, self.fit_texels(sample, initial), outline)
         if self.frame_layers is None or sample.coarse is None:
             return face
-        follows = len(face.layers) == self.frame_layers.count
-        return self.frame_layers.fitted(sample.coarse, face, outline, follows)
+        return self.frame_layers.fitted(sample.coarse, face, outline)
 
     def fit_texels(
         self,
