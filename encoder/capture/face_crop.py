@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from protocol.pictures.picture_codec import to_luma
+from runtime.area_resize import area_resized
 from runtime.image_ops import hull_mask
 from shared_model.arrays import Array, Mask, Picture, Single
 
@@ -87,9 +87,9 @@ def crop_face(frame: Picture, points_px: Array, pixels_per_texel: float) -> Crop
     if pixels_per_texel <= MIN_PIXELS_PER_TEXEL:
         return Crop(np.ascontiguousarray(window), int(left), int(top), np.ones(2))
     size = np.maximum(np.rint(np.array(window.shape[1::-1]) / pixels_per_texel), 2).astype(int)
-    small = cv2.resize(window, tuple(size.tolist()), interpolation=cv2.INTER_AREA)
+    small = area_resized(window, (int(size[0]), int(size[1])))
     scale = size / np.array(window.shape[1::-1])
-    return Crop(np.asarray(small, dtype=np.uint8), int(left), int(top), scale)
+    return Crop(small, int(left), int(top), scale)
 
 
 def crop_window(frame: Picture, window: tuple[int, int, int], longest: int) -> Crop:
@@ -104,6 +104,6 @@ def crop_window(frame: Picture, window: tuple[int, int, int], longest: int) -> C
     shown = frame[begin[1] : end[1], begin[0] : end[0]]
     ratio = min(1.0, longest / max(shown.shape[:2]))
     size = np.maximum(np.rint(ratio * np.array(shown.shape[1::-1])), 1).astype(int)
-    small = cv2.resize(shown, tuple(size.tolist()), interpolation=cv2.INTER_AREA)
+    small = area_resized(shown, (int(size[0]), int(size[1])))
     scale = size / np.array(shown.shape[1::-1])
-    return Crop(np.asarray(small, np.uint8), int(begin[0]), int(begin[1]), scale)
+    return Crop(small, int(begin[0]), int(begin[1]), scale)

@@ -8,6 +8,7 @@ import numpy as np
 
 from encoder.detection.detector import Detection
 from encoder.detection.tflite import TfliteNetwork
+from runtime.area_resize import area_resized
 from shared_model.arrays import Array, Picture
 
 # A square of a picture: left, top, side, pixels; it may leave the picture.
@@ -94,5 +95,6 @@ def _crop_tile(frame: Picture, tile: Tile, size: int) -> Picture:
     padded = cv2.copyMakeBorder(
         inside, before[0], after[0], before[1], after[1], cv2.BORDER_CONSTANT, value=(0, 0, 0)
     )
-    method = cv2.INTER_AREA if side > size else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(padded, (size, size), interpolation=method), np.uint8)
+    if side > size:
+        return area_resized(np.asarray(padded, np.uint8), (size, size))
+    return np.asarray(cv2.resize(padded, (size, size), interpolation=cv2.INTER_LINEAR), np.uint8)

@@ -15,6 +15,7 @@ from encoder.capture.colour import luma_f32
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE
 from protocol.pictures.picture_codec import to_luma
+from runtime.area_resize import area_resized
 from runtime.image_ops import hull_mask
 from runtime.parallel import parallel_map
 from shared_model.animate import Face
@@ -161,7 +162,7 @@ def shrunk(picture: Picture, shape: tuple[int, int]) -> Picture:
     """A picture (h, w, 3) of these rows and columns, see `scaled_shape`."""
     if shape == picture.shape[:2]:
         return picture
-    return np.asarray(cv2.resize(picture, shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
+    return area_resized(picture, (shape[1], shape[0]))
 
 
 def coarse_picture(picture: Picture) -> Picture:

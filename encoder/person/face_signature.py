@@ -12,11 +12,15 @@ import cv2
 import numpy as np
 
 from encoder.detection.landmark_indices import OUTER_EYE_CORNERS
+from runtime.area_resize import area_resized
 from shared_model.arrays import Array, Picture
 
 # Side of the face's picture, pixels, and of the face in it.
 SIDE_PX, FACE_SHARE = 40, 0.96
 NOSE_TIP = 1
+# Standard deviation of the blur before a face is shrunk, pixels of its picture; what is left of it
+# after a mean over as many pixels, whose variance is 1 / 12.
+BLUR, BLUR_AFTER_MEAN = 0.6, 0.53
 # A face is frontal if the tip of its nose is so near the middle between the eyes, in units of
 # their distance.
 FRONTAL = 0.22
@@ -42,20 +46,27 @@ class SignatureMaker:
         low, high = points[:, :2].min(0), points[:, :2].max(0)
         scale = FACE_SHARE * SIDE_PX / float((high - low).max())
         self._template = (points[:, :2] - (low + high) / 2) * scale + (SIDE_PX - 1) / 2
+        self._solver = np.linalg.pinv(np.column_stack([self._template, np.ones(len(points))]))
         outline = cv2.convexHull(self._template.astype(np.float32)).astype(np.int32)
         blank = np.zeros((SIDE_PX, SIDE_PX), np.uint8)
         self._inside = np.asarray(cv2.fillConvexPoly(blank, outline, (1,))) > 0
 
     def make(self, picture: Picture, points: Array) -> FaceSignature:
         """Of a face in a picture (h, w, 3) BGR with these landmarks."""
-        rows = np.column_stack([self._template, np.ones(len(self._template))])
-        solved, *_ = np.linalg.lstsq(rows, points[:, :2], rcond=None)
-        pixel_from_face = solved.T
+        pixel_from_face = (self._solver @ points[:, :2]).T
         scale = float(np.sqrt(abs(np.linalg.det(pixel_from_face[:, :2]))))
         part, corner = _around(picture, points)
         pixel_from_face[:, 2] -= corner
+        blur_px = BLUR * scale
+        if scale >= 2:
+            # A mean over areas is a part of the blur, and leaves a picture that is soon blurred.
+            size = max(1, round(part.shape[1] / scale)), max(1, round(part.shape[0] / scale))
+            shrink = np.array(size) / part.shape[1::-1]
+            part, blur_px = area_resized(part, size), BLUR_AFTER_MEAN
+            pixel_from_face *= shrink[:, None]
+            pixel_from_face[:, 2] += 0.5 * (shrink - 1)
         if scale > 1:
-            part = np.asarray(cv2.GaussianBlur(part, (0, 0), 0.6 * scale), np.uint8)
+            part = np.asarray(cv2.GaussianBlur(part, (0, 0), blur_px), np.uint8)
         face = cv2.warpAffine(
             part,
             pixel_from_face,
