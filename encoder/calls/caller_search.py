@@ -15,7 +15,9 @@ class CallerSearch:
     """Looks at one frame after the other."""
 
     def __init__(self, stats: SessionStats) -> None:
-        self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE, by_parts=True)
+        self._search = open_landmark_search(
+            stats, eye_crop_scale=WIDE_CROP_SCALE, in_real_time=True
+        )
         self._watch, self._undecided = PersonWatch(), 0
 
     def find(self, picture: Picture, next_frame: Picture | None) -> tuple[Array | None, bool]:

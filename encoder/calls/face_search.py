@@ -54,11 +54,12 @@ def open_landmark_search(
     stats: SessionStats,
     refine_eyelids: bool = True,
     eye_crop_scale: float = TRAINED_CROP_SCALE,
-    by_parts: bool = False,
+    in_real_time: bool = False,
 ) -> LandmarkSearch:
     """A search with the installed networks.
 
-    refine_eyelids, eye_crop_scale, by_parts: see `LandmarkTracker`.
+    refine_eyelids, eye_crop_scale: see `LandmarkTracker`.
+    in_real_time: in less time, see `searches_by_parts` and `alternates_eyes` there.
     Raises `UserError` if the networks are missing.
     """
     try:
@@ -69,7 +70,8 @@ def open_landmark_search(
             detector,
             refine_eyelids=refine_eyelids,
             eye_crop_scale=eye_crop_scale,
-            searches_by_parts=by_parts,
+            searches_by_parts=in_real_time,
+            alternates_eyes=in_real_time,
         )
     except NetworkFilesMissing as error:
         raise UserError(f"{error}; without them use --profile thesis") from error

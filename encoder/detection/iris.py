@@ -48,26 +48,32 @@ class IrisLandmarker:
 
     def find(self, frame: Picture, points: Array) -> EyeLandmarks:
         """The eyes in `frame` (h, w, 3) uint8 BGR; points: (468, 3) landmarks, pixels."""
-        rois = [_eye_roi(points, side, self._crop_scale) for side in range(2)]
-        crops = [crop_roi(frame, roi, INPUT_PX) for roi in rois]
-        maps = [roi.pixel_from_crop(INPUT_PX) for roi in rois]
-        # The network was trained on the subject's right eye: the left eye is mirrored.
-        crops[1] = np.ascontiguousarray(crops[1][:, ::-1])
-        maps[1] = maps[1] @ np.array([[-1.0, 0, INPUT_PX - 1], [0, 1, 0], [0, 0, 1]])
-        outputs = self._network.run_all(crops, low=0.0)
-        irises, contours = (
-            np.array([_points(raw, back) for raw, back in zip(rows, maps, strict=True)])
-            for rows in (outputs[3 * IRIS_POINTS], outputs[3 * CONTOUR_POINTS])
-        )
-        return EyeLandmarks(irises, contours)
+        irises, contours = zip(*(self._find(frame, points, side) for side in range(2)), strict=True)
+        return EyeLandmarks(np.array(irises), np.array(contours))
+
+    def margins(self, frame: Picture, points: Array, side: int) -> Array:
+        """(14, 2) pixels of an eye's `EYELID_MARGINS`; side: 0 is the subject's right eye."""
+        return self._find(frame, points, side)[1][list(_MARGIN_POINTS)]
 
     def replace_eyelids(self, frame: Picture, points: Array) -> Array:
         """(468, 3) landmarks, pixels: `points` with the eyelid margins that this network finds."""
         replaced = points.copy()
-        contours = self.find(frame, points).contours
-        for margin, contour in zip(EYELID_MARGINS, contours, strict=True):
-            replaced[list(margin), :2] = contour[list(_MARGIN_POINTS)]
+        for side, margin in enumerate(EYELID_MARGINS):
+            replaced[list(margin), :2] = self.margins(frame, points, side)
         return replaced
+
+    def _find(self, frame: Picture, points: Array, side: int) -> tuple[Array, Array]:
+        """The iris (5, 2) and the contour (71, 2) of an eye, see `EyeLandmarks`."""
+        roi = _eye_roi(points, side, self._crop_scale)
+        crop, pixel_from_crop = crop_roi(frame, roi, INPUT_PX), roi.pixel_from_crop(INPUT_PX)
+        if side == 1:
+            # The network was trained on the subject's right eye: the left eye is mirrored.
+            crop = np.ascontiguousarray(crop[:, ::-1])
+            mirror = np.array([[-1.0, 0, INPUT_PX - 1], [0, 1, 0], [0, 0, 1]])
+            pixel_from_crop = pixel_from_crop @ mirror
+        outputs = self._network.run(crop, low=0.0)
+        iris, contour = outputs[3 * IRIS_POINTS], outputs[3 * CONTOUR_POINTS]
+        return _points(iris, pixel_from_crop), _points(contour, pixel_from_crop)
 
 
 def _eye_roi(points: Array, side: int, crop_scale: float) -> RotatedRoi:

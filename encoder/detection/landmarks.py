@@ -8,6 +8,7 @@ import numpy as np
 
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.detector import Detection, FaceDetector
+from encoder.detection.eyelids import Eyelids, eyelids_of_frame
 from encoder.detection.iris import TRAINED_CROP_SCALE, IrisLandmarker
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.detection.roi import RotatedRoi, crop_roi, roi_from_detection, roi_from_landmarks
@@ -56,10 +57,11 @@ class FaceMesh:
 
 @dataclass(frozen=True, slots=True)
 class _TrackedFace:
-    """The landmarks in a frame, and the ROI of the next frame."""
+    """The landmarks in a frame, the ROI of the next frame, and what its eyelids begin with."""
 
     landmarks: Landmarks
     next_roi: RotatedRoi
+    eyelids: Eyelids | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +82,7 @@ class LandmarkTracker:
     eye_crop_scale: see `IrisLandmarker`.
     searches_by_parts: a frame without a face takes little longer than another one; a small face may
         be found some frames later.
+    alternates_eyes: see `eyelids_of_frame`.
     """
 
     def __init__(
@@ -90,13 +93,15 @@ class LandmarkTracker:
         refine_eyelids: bool = True,
         eye_crop_scale: float = TRAINED_CROP_SCALE,
         searches_by_parts: bool = False,
+        alternates_eyes: bool = False,
     ) -> None:
-        self._by_parts = searches_by_parts
+        self._by_parts, self._alternates_eyes = searches_by_parts, alternates_eyes
         self._mesh = FaceMesh(folder)
         self._eyes = IrisLandmarker(folder, eye_crop_scale) if refine_eyelids else None
         self._detector = detector
         self._min_score = min_score
         self._roi: RotatedRoi | None = None
+        self._eyelids: Eyelids | None = None
         self._misses = self._backoff = 0
         # Its thread ends with the tracker.
         self._executor = ThreadPoolExecutor(1)
@@ -111,11 +116,11 @@ class LandmarkTracker:
             are computed in the background.  The results are the same without it.
         """
         prefetched = self._take_prefetched(frame)
-        face = prefetched.result() if prefetched else self._track(frame, self._roi)
-        face = face or self._with_eyelids(frame, self._redetect(frame))
-        self._roi = face.next_roi if face else None
+        face = prefetched.result() if prefetched else self._track(frame, self._roi, self._eyelids)
+        face = face or self._with_eyelids(frame, self._redetect(frame), None)
+        self._roi, self._eyelids = (face.next_roi, face.eyelids) if face else (None, None)
         if next_frame is not None and face is not None:
-            job = self._executor.submit(self._track, next_frame, face.next_roi)
+            job = self._executor.submit(self._track, next_frame, face.next_roi, face.eyelids)
             self._prefetched = _Prefetched(next_frame, job)
         return face.landmarks if face else None
 
@@ -136,17 +141,26 @@ class LandmarkTracker:
         wait([prefetched.job])
         return prefetched.job if prefetched.frame is frame else None
 
-    def _track(self, frame: Picture, roi: RotatedRoi | None) -> _TrackedFace | None:
-        return self._with_eyelids(frame, self._run_mesh(frame, roi))
+    def _track(
+        self, frame: Picture, roi: RotatedRoi | None, before: Eyelids | None
+    ) -> _TrackedFace | None:
+        return self._with_eyelids(frame, self._run_mesh(frame, roi), before)
 
-    def _with_eyelids(self, frame: Picture, found: Landmarks | None) -> _TrackedFace | None:
-        """The tracked face of face-mesh landmarks, with eyelids of the iris network if wanted."""
+    def _with_eyelids(
+        self, frame: Picture, found: Landmarks | None, before: Eyelids | None
+    ) -> _TrackedFace | None:
+        """The tracked face of face-mesh landmarks, with eyelids of the iris network if wanted.
+
+        before: the eyelids in the frame before; None: not known.
+        """
         if found is None:
             return None
         next_roi = roi_from_landmarks(found.points)
-        if self._eyes is not None:
-            found = replace(found, points=self._eyes.replace_eyelids(frame, found.points))
-        return _TrackedFace(found, next_roi)
+        if self._eyes is None:
+            return _TrackedFace(found, next_roi)
+        before = before if self._alternates_eyes else None
+        points, eyelids = eyelids_of_frame(self._eyes, frame, found.points, before)
+        return _TrackedFace(replace(found, points=points), next_roi, eyelids)
 
     def _redetect(self, frame: Picture) -> Landmarks | None:
         """Search the whole frame, or a part, or take a quick look where the backoff says so."""

@@ -10,6 +10,7 @@ from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from shared_model.arrays import Picture, Single
@@ -142,9 +143,10 @@ class TfliteNetwork:
 
         image, low: see `run`.
         """
-        scale = np.float32((1.0 - low) / 255)
-        pixels = image[None, ..., ::-1] * scale + np.float32(low)
-        self._interpreter.set_tensor(self._input, pixels)
+        pixels = cv2.cvtColor(image, cv2.COLOR_BGR2RGB) * np.float32((1.0 - low) / 255)
+        if low:
+            pixels += np.float32(low)
+        self._interpreter.set_tensor(self._input, pixels[None])
         self._interpreter.invoke()
         return [self._interpreter.get_tensor(index).ravel() for index in self._outputs]
 
