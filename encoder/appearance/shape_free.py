@@ -13,7 +13,7 @@ from runtime.jit import jit
 from shared_model import geometry
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
-from shared_model.arrays import Array, Indices, Mask, Single
+from shared_model.arrays import Indices, Mask, Single, VertexIndices
 from shared_model.geometry import Camera
 from shared_model.mesh import PARTS
 from shared_model.parameters import EAUS, FaceParameters
@@ -30,18 +30,11 @@ class ShapeFreeFrame:
     def __init__(self, face: Face, atlas: Atlas, camera: Camera) -> None:
         self.camera, self.atlas = camera, atlas
         self.flat_index = atlas.rows.astype(np.intp) * atlas.size + atlas.columns
-        corners, weights = atlas.corners, atlas.weights.astype(np.float32)
-
-        def at_texels(values: Array) -> Single:
-            gathered = values.astype(np.float32)[..., corners, :]
-            return np.asarray(np.einsum("kc,...kcd->...dk", weights, gathered))
-
-        # Coordinates first, texels last: loops over texels then run along memory.
-        self._neutral = np.ascontiguousarray(at_texels(face.neutral))
-        self.on_face = face.head.parts[corners[:, 0]] != PARTS.index("surround")
-        self._fields = np.ascontiguousarray(
-            np.concatenate([at_texels(face.head.eau_up), at_texels(-face.head.eau_down)])
-        )
+        head, corners, weights = face.head, atlas.corners, atlas.weights.astype(np.float32)
+        self.on_face = head.parts[corners[:, 0]] != PARTS.index("surround")
+        self._neutral = _at_texels(face.neutral.astype(np.float32)[None], corners, weights)[0]
+        fields = np.concatenate([head.eau_up, -head.eau_down]).astype(np.float32)
+        self._fields = _at_texels(fields, corners, weights)
         self._support = support_ranges((self._fields != 0).any(1))
 
     def __len__(self) -> int:
@@ -114,6 +107,25 @@ class ProjectedTexels:
     camera_mm: Single
     pixels_per_mm: Single
     pixels: Single
+
+
+@jit
+def _at_texels(values: Single, corners: VertexIndices, weights: Single) -> Single:
+    """(n, 3, k) values (n, vertices, 3) at texels; corners, weights: (k, 3), see `Atlas`.
+
+    Coordinates first, texels last: loops over texels then run along memory.
+    """
+    at_texels = np.empty((len(values), 3, len(corners)), np.float32)
+    for number in range(len(values)):
+        for k in range(len(corners)):
+            a, b, c = corners[k]
+            for axis in range(3):
+                at_texels[number, axis, k] = (
+                    weights[k, 0] * values[number, a, axis]
+                    + weights[k, 1] * values[number, b, axis]
+                    + weights[k, 2] * values[number, c, axis]
+                )
+    return at_texels
 
 
 @jit

@@ -8,11 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from encoder.detection.landmark_indices import LANDMARK_COUNT
-from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, rotated_points
-from shared_model.aperture_sheets import EYES, ApertureSheet
+from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks
+from shared_model.aperture_sheets import EYES
 from shared_model.arrays import Array
-from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_camera
+from shared_model.geometry import Camera, camera_from_head, pixel_from_camera
 from shared_model.parameters import EAU_INDEX, EAU_LOW, EAUS, LIDS, FaceParameters, clip_eau
 
 GAZE_EAUS = [EAU_INDEX[name] for name in ("gaze_horizontal", "gaze_vertical")]
@@ -21,6 +20,8 @@ NON_GAZE_EAUS = [index for index in range(len(EAUS)) if index not in GAZE_EAUS]
 CLOSED_APERTURE = 0.2
 # The lids' actuator at rest, and as far open as it goes.
 REST, WIDE_OPEN = 0.0, EAU_LOW[LIDS[0]]
+# (eyes, 2, n) landmarks of the lower and the upper margin of each eye, between its corners.
+MARGINS = np.array([(sheet.lower[1:-1], sheet.upper[1:-1]) for sheet in EYES])
 
 
 def fit_with_eyelids(
@@ -44,17 +45,17 @@ def with_measured_eyelids(
     model: personalised.
     """
     at_rest, wide_open = (
-        _projected_landmarks(model, camera, _with_closure(face, closure))
+        _projected_margins(model, camera, _with_closure(face, closure))
         for closure in (REST, WIDE_OPEN)
     )
-    eau = face.eau.copy()
-    for lid, sheet in zip(LIDS, EYES, strict=True):
-        rest_aperture = _aperture(at_rest, sheet)
-        direction = rest_aperture / max(float(rest_aperture @ rest_aperture), 1e-9)
-        measured, widest = (
-            float(_aperture(points, sheet) @ direction) for points in (points_px, wide_open)
+    seen, eau = points_px[MARGINS, :2], face.eau.copy()
+    for number, lid in enumerate(LIDS):
+        rest_aperture, open_aperture, aperture = (
+            np.asarray((margins[number, 0] - margins[number, 1]).mean(0))
+            for margins in (at_rest, wide_open, seen)
         )
-        eau[lid] = _closure(measured, widest)
+        direction = rest_aperture / max(float(rest_aperture @ rest_aperture), 1e-9)
+        eau[lid] = _closure(float(aperture @ direction), float(open_aperture @ direction))
     return replace(face, eau=clip_eau(eau))
 
 
@@ -82,15 +83,11 @@ def _with_closure(face: FaceParameters, closure: float) -> FaceParameters:
     return replace(face, eau=eau)
 
 
-def _projected_landmarks(model: LandmarkModel, camera: Camera, face: FaceParameters) -> Array:
-    """(468, 2) pixels of the model's landmarks, nan for those that it lacks."""
-    rotated, _ = rotated_points(model, matrix_from_quaternion(face.pose.rotation), face.eau)
-    pixels = np.full((LANDMARK_COUNT, 2), np.nan)
-    pixels[model.index] = pixel_from_camera(camera, rotated + face.pose.translation_mm)
-    return pixels
-
-
-def _aperture(points_px: Array, sheet: ApertureSheet) -> Array:
-    """(2,) pixels from the lower to the upper margin, mean between the corners."""
-    upper, lower = list(sheet.upper[1:-1]), list(sheet.lower[1:-1])
-    return np.asarray((points_px[upper, :2] - points_px[lower, :2]).mean(0))
+def _projected_margins(model: LandmarkModel, camera: Camera, face: FaceParameters) -> Array:
+    """(eyes, 2, n, 2) pixels of the model's `MARGINS`."""
+    rows = np.searchsorted(model.index, MARGINS.ravel())
+    displacement = np.where(face.eau[:, None, None] >= 0, model.eau_up[:, rows], 0.0)
+    displacement -= np.where(face.eau[:, None, None] < 0, model.eau_down[:, rows], 0.0)
+    points = model.neutral[rows] + np.tensordot(face.eau, displacement, 1)
+    pixels = pixel_from_camera(camera, camera_from_head(face.pose, points))
+    return pixels.reshape(*MARGINS.shape, 2)
