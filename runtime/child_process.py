@@ -57,7 +57,7 @@ def _started(module: str, arguments: Sequence[str], descriptors: Sequence[int]) 
                 pass_fds=[theirs.fileno(), *descriptors],
                 stdin=subprocess.DEVNULL,
                 # Before NumPy is loaded: what it would spread over all cores is small.
-                env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+                env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1"},
                 # Ctrl-C in a terminal is for the process that talks to the user.
                 start_new_session=True,
             )

@@ -65,7 +65,11 @@ class ModelLifecycle:
         self._frames = TrainingFrames(pacing.training_frames)
         self._schedule = ModelSchedule(fps, pacing.updates)
         self._modes = ModeScheduler(
-            fps, pacing.mode_interval_s, self._learn, one_by_one=pacing.in_real_time
+            fps,
+            pacing.mode_interval_s,
+            pacing.mode_samples_per_s,
+            self._learn,
+            one_by_one=pacing.in_real_time,
         )
         self._states = ModelStates(events.on_state)
         self._training: Future[ModelVersion] | None = None
@@ -252,7 +256,7 @@ class ModelLifecycle:
             return self._learner.train(task)
 
     def _start_modes(self, version: ModelVersion) -> None:
-        self._learner.start_modes(version)
+        self._learner.start_modes(version, self._pacing.mode_samples_per_s)
         self._modes.start()
 
     def _learn(

@@ -1,6 +1,6 @@
 """Faces that hands hide in some frames of a sample: what hides them is not learned as the face.
 
-A palm search takes 6 to 15 ms: only the sample is searched, and frames beside those that show one.
+A palm search takes 6 to 15 ms: some frames are searched, and those beside one that shows a hand.
 """
 
 from collections.abc import Sequence
@@ -22,6 +22,9 @@ Outlines = list[Array]
 
 # Hands in more than this share of the frames belong to the person, as a cheek that is leant on one.
 MAX_SHARE = 0.9
+# Seconds of a live call from one search to the next, and how many times the usual residual energy
+# is searched at once.
+SEARCH_INTERVAL_S, SUSPICIOUS_RATIO = 1.0, 1.5
 
 
 class HandWatch:
@@ -41,18 +44,10 @@ class HandWatch:
         """Hands in a frame (h, w, 3) uint8 BGR near the face with these landmarks (468, >= 2)."""
         return self._search(picture, window_around(points))
 
-    def hide_in_burst(self, samples: Sequence[FaceSample]) -> list[FaceSample]:
-        """Samples that follow each other, with the hands in their crops hidden.
-
-        All are searched if the first or the last one shows a hand.
-        """
-        ends = samples[:1], samples[1:][-1:]
-        if not any(self._in_window(each) for end in ends for each in end):
-            return list(samples)
-        return [
-            replace(each, crop=each.crop.hiding(self._in_window(each)), window=None)
-            for each in samples
-        ]
+    def hide(self, sample: FaceSample) -> FaceSample:
+        """A sample with the hands in its crop hidden; the same object if there are none."""
+        found = self._in_window(sample)
+        return replace(sample, crop=sample.crop.hiding(found), window=None) if found else sample
 
     def _in_window(self, sample: FaceSample) -> Outlines:
         window = sample.window
@@ -76,6 +71,30 @@ class HandWatch:
         """
         pairs = zip(pictures, points, strict=True)
         return that_come_and_go(parallel_map(lambda pair: self.find(*pair), pairs, workers))
+
+
+class HandSuspicion:
+    """Which samples of a live call are searched for hands: a search takes longer than the rest of
+    what is learned from a sample.
+
+    The first is, one every `SEARCH_INTERVAL_S`, those that follow one with a hand, and those that
+    the model explains much worse than the ones before.
+    """
+
+    def __init__(self, samples_per_s: float) -> None:
+        self._interval = round(SEARCH_INTERVAL_S * samples_per_s)
+        self._until_search = 0
+
+    def is_due(self, energies: Array) -> bool:
+        """Whether to search the newest of samples with these residual energies (t,)."""
+        if self._until_search and energies[-1] <= SUSPICIOUS_RATIO * np.median(energies):
+            self._until_search -= 1
+            return False
+        return True
+
+    def note(self, has_hands: bool) -> None:
+        """Note what a search has found."""
+        self._until_search = 0 if has_hands else self._interval - 1
 
 
 def window_of(picture: Picture, points: Array) -> Crop:

@@ -11,6 +11,7 @@ import numpy as np
 
 from encoder.appearance.masks import root_weight_and_support
 from encoder.learning.face_sample import FaceSample
+from encoder.learning.hidden_faces import HandSuspicion
 from encoder.learning.orthogonal_residual import OrthogonalResidual
 from encoder.learning.person_model import PersonModel
 from encoder.learning.sample_fitting import sample_faces, super_resolved
@@ -29,8 +30,6 @@ from shared_model.parameters import FaceParameters
 # Samples of a sliding window, weighted down by age.
 WINDOW_S = 3.0
 HALF_LIFE_S = 1.0
-SAMPLES_PER_S = 8.0
-WINDOW_SAMPLES = round(WINDOW_S * SAMPLES_PER_S)
 # Bytes that modes may take, with a reservoir of one second.
 BYTES_PER_S = 1200.0
 # A mode must explain this share of the residual energy.  A mode is encoded if a pretest, without
@@ -45,6 +44,11 @@ STEP_BACKOFF = 4
 MIN_SAMPLES = 2
 
 
+def window_samples(samples_per_s: float) -> int:
+    """How many samples the window has."""
+    return round(WINDOW_S * samples_per_s)
+
+
 @dataclass(frozen=True, slots=True)
 class LearnedMode:
     """A coded mode, and the luma (size, size) that it adds to the texture per unit coefficient."""
@@ -54,33 +58,49 @@ class LearnedMode:
 
 
 FitSample = Callable[[FaceSample], FaceParameters]
+HideHands = Callable[[FaceSample], FaceSample]
 
 
 class ModeLearner:
-    """Learns the modes that a person model lacks, from a sliding window of samples."""
+    """Learns the modes that a person model lacks, from a sliding window of samples.
 
-    def __init__(self, person: PersonModel) -> None:
-        self._person = person
+    samples_per_s: of the call's time.
+    """
+
+    def __init__(self, person: PersonModel, samples_per_s: float) -> None:
+        self._person, self._samples_per_s = person, samples_per_s
         appearance, shape = person.appearance, person.shape
         self._texels = (shape.atlas.rows, shape.atlas.columns)
         self._mean = appearance.mean[self._texels]
         self._root, self._support = root_weight_and_support(person.weight, person.mask)
         self._mode_codec = appearance.mode_codec
-        self._step_offset = 0
+        self._step_offset, self._suspicion = 0, HandSuspicion(samples_per_s)
         self._residual = OrthogonalResidual(np.zeros((0, 3 * len(shape)), np.float32))
         for image in appearance.mode_images:
             self._residual.add_mode(self._weighted(image[self._texels]))
 
     def update(
-        self, samples: Sequence[FaceSample], fit: FitSample, byte_budget: float, max_modes: int
+        self,
+        samples: Sequence[FaceSample],
+        fit: FitSample,
+        byte_budget: float,
+        max_modes: int,
+        hide: HideHands | None = None,
     ) -> list[LearnedMode]:
         """Add samples, and learn modes until they take `byte_budget`, at most `max_modes`.
 
         fit: fits the face of a sample that has none, by the model with all modes learned so far.
+        hide: hides hands in a sample; the same object if it shows none.  None: none does.
         """
         for sample in samples:
-            self._residual.add_frame(self._residual_of(sample, sample.face or fit(sample)))
-            if len(self._residual) > WINDOW_SAMPLES:
+            self._add(sample, fit)
+            if hide is not None and self._suspicion.is_due(self._residual.energies):
+                without_hands = hide(sample)
+                self._suspicion.note(without_hands is not sample)
+                if without_hands is not sample:
+                    self._residual.drop_newest_frame()
+                    self._add(without_hands, fit)
+            if len(self._residual) > window_samples(self._samples_per_s):
                 self._residual.drop_oldest_frame()
         modes: list[LearnedMode] = []
         while len(self._residual) >= MIN_SAMPLES and byte_budget > 0 and len(modes) < max_modes:
@@ -90,6 +110,9 @@ class ModeLearner:
             modes.append(mode)
             byte_budget -= len(mode.data)
         return modes
+
+    def _add(self, sample: FaceSample, fit: FitSample) -> None:
+        self._residual.add_frame(self._residual_of(sample, sample.face or fit(sample)))
 
     def _residual_of(self, sample: FaceSample, fitted: FaceParameters) -> Single:
         """(3 k,) weighted planes of a sample minus the mean texture, 0 at hidden texels.
@@ -108,7 +131,7 @@ class ModeLearner:
     def _learn_mode(self) -> LearnedMode | None:
         """Encode the leading direction of the residual; None if it explains too little."""
         age = np.arange(len(self._residual))[::-1]
-        recency = np.exp2(-age / (2 * HALF_LIFE_S * SAMPLES_PER_S))
+        recency = np.exp2(-age / (2 * HALF_LIFE_S * self._samples_per_s))
         direction, share = self._residual.leading_direction(recency)
         # The share of the leading direction is an upper bound for any mode's.
         if share < MIN_EXPLAINED_SHARE:

@@ -8,16 +8,12 @@ from dataclasses import replace
 from encoder.learning.face_sample import FaceSample
 from encoder.learning.incremental_modes import (
     BYTES_PER_S,
-    SAMPLES_PER_S,
-    WINDOW_SAMPLES,
     LearnedMode,
+    window_samples,
 )
 
 # Learns modes from samples, within a byte budget, at most so many.
 LearnModes = Callable[[Sequence[FaceSample], float, int], "Future[list[LearnedMode]]"]
-
-# Samples of the last window that a learner for a new model starts with.
-CARRIED_OVER_SAMPLES = WINDOW_SAMPLES // 2
 
 
 class ModeScheduler:
@@ -25,16 +21,23 @@ class ModeScheduler:
 
     fps: of the source.
     interval_s: time from one update to the next, at least.
+    samples_per_s: of the call's time.
     one_by_one: an update has one mode, and the next one follows at once while samples show more:
         the first can be used while the next is learned.
     """
 
     def __init__(
-        self, fps: float, interval_s: float, learn: LearnModes, one_by_one: bool = False
+        self,
+        fps: float,
+        interval_s: float,
+        samples_per_s: float,
+        learn: LearnModes,
+        one_by_one: bool = False,
     ) -> None:
         self._fps, self._interval_s, self._learn = fps, interval_s, learn
+        self._frames_per_sample, window = fps / samples_per_s, window_samples(samples_per_s)
         self._one_by_one, self._is_unfinished = one_by_one, False
-        self._recent_samples: deque[FaceSample] = deque(maxlen=WINDOW_SAMPLES)
+        self._recent_samples: deque[FaceSample] = deque(maxlen=window)
         self._new_samples = deque[FaceSample](maxlen=self._recent_samples.maxlen)
         self._job: Future[list[LearnedMode]] | None = None
         self._last_sample = self._last_update = float("-inf")
@@ -43,13 +46,15 @@ class ModeScheduler:
     def start(self) -> None:
         """Begin with another version's modes; the result of a running job is dropped."""
         self._new_samples.clear()
-        newest = list(self._recent_samples)[-CARRIED_OVER_SAMPLES:]
+        window = self._new_samples.maxlen or 0
+        # A learner for a new model starts with half of the last window.
+        newest = list(self._recent_samples)[-(window // 2) :]
         self._new_samples.extend(replace(sample, face=None) for sample in newest)
         self._job, self._is_unfinished = None, False
 
     def wants_sample(self, index: int) -> bool:
         """Whether source frame `index` should be added."""
-        return index - self._last_sample >= self._fps / SAMPLES_PER_S
+        return index - self._last_sample >= self._frames_per_sample
 
     def add_sample(self, index: int, sample: FaceSample) -> None:
         """Add a sample of source frame `index`."""

@@ -33,11 +33,16 @@ class OrthogonalResidual:
     @property
     def mean_log_energy(self) -> float:
         """Mean over the frames of log2 of the residual energy."""
-        return float(np.log2(np.maximum(np.diag(self._residual_gram), 1e-6)).mean())
+        return float(np.log2(np.maximum(self.energies, 1e-6)).mean())
+
+    @property
+    def energies(self) -> Array:
+        """(t,) residual energy of each frame."""
+        return np.asarray(np.diag(self._residual_gram))
 
     def weighted_energy(self, weights: Array | float = 1.0) -> float:
         """Residual energy of all frames, each frame multiplied by its weight (t,)."""
-        return float((np.diag(self._residual_gram) * weights**2).sum())
+        return float((self.energies * weights**2).sum())
 
     def leading_direction(self, weights: Array | float = 1.0) -> tuple[Single, float]:
         """The first principal direction (d,) of the residual, and its share of the residual energy.
@@ -72,6 +77,12 @@ class OrthogonalResidual:
         """Remove the first frame."""
         self._frames.pop(0)
         self._frame_gram, self._projections = self._frame_gram[1:, 1:], self._projections[1:]
+        self._solve()
+
+    def drop_newest_frame(self) -> None:
+        """Undo the last `add_frame`."""
+        self._frames.pop()
+        self._frame_gram, self._projections = self._frame_gram[:-1, :-1], self._projections[:-1]
         self._solve()
 
     def add_mode(self, mode: Single) -> None:

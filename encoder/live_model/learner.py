@@ -48,8 +48,8 @@ class Learner(Protocol):
     def train(self, task: TrainingTask) -> "Future[ModelVersion]":
         """Train an update."""
 
-    def start_modes(self, version: ModelVersion) -> None:
-        """Learn the modes that `version` lacks from now on."""
+    def start_modes(self, version: ModelVersion, samples_per_s: float) -> None:
+        """Learn the modes that `version` lacks from now on, see `ModeLearner`."""
 
     def learn(self, task: ModesTask) -> "Future[list[LearnedMode]]":
         """Learn modes of the version of the last `start_modes`, which has them from then on."""
@@ -85,9 +85,9 @@ class LocalLearner:
         retrain = self._trainer.retrain
         return self._submit(partial(retrain, task.share, task.pictures, task.points, task.number))
 
-    def start_modes(self, version: ModelVersion) -> None:
+    def start_modes(self, version: ModelVersion, samples_per_s: float) -> None:
         """See `Learner`."""
-        self._modes = _VersionModes(version, self._hands)
+        self._modes = _VersionModes(version, samples_per_s, self._hands)
 
     def learn(self, task: ModesTask) -> "Future[list[LearnedMode]]":
         """See `Learner`."""
@@ -110,12 +110,18 @@ class LocalLearner:
 class _VersionModes:
     """Learns the modes of one version."""
 
-    def __init__(self, version: ModelVersion, hands: HandWatch) -> None:
-        self._version, self._learner, self._hands = version, ModeLearner(version.person), hands
+    def __init__(self, version: ModelVersion, samples_per_s: float, hands: HandWatch) -> None:
+        self._version, self._hands = version, hands
+        self._learner = ModeLearner(version.person, samples_per_s)
 
     def learn(self, task: ModesTask) -> list[LearnedMode]:
-        fit, samples = self._version.fit_texels, self._hands.hide_in_burst(task.samples)
-        modes = self._learner.update(samples, fit, task.byte_budget, task.max_modes)
+        modes = self._learner.update(
+            task.samples,
+            self._version.fit_texels,
+            task.byte_budget,
+            task.max_modes,
+            self._hands.hide,
+        )
         for mode in modes:
             self._version = self._version.with_mode_of_texels(mode)
         return modes

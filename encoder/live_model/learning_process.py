@@ -85,9 +85,9 @@ class LearningProcess:
         """See `Learner`."""
         return self._send("train", task)
 
-    def start_modes(self, version: ModelVersion) -> None:
+    def start_modes(self, version: ModelVersion, samples_per_s: float) -> None:
         """See `Learner`."""
-        self._send("start_modes", version)
+        self._send("start_modes", version, samples_per_s)
 
     def learn(self, task: ModesTask) -> "Future[list[LearnedMode]]":
         """See `Learner`."""

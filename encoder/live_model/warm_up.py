@@ -36,6 +36,7 @@ BACKGROUND_SIDE = 64
 # Distance of the face, and the size of its model.
 DISTANCE_MM = 600.0
 BYTES, MODES, FRAMES = 1500, 2, 4
+SAMPLES_PER_S = 8.0
 # Of the frame packet, 0 (finest) to 31.
 QUALITY = 10
 # Grey levels of the noise: more of it takes longer to encode.
@@ -63,7 +64,7 @@ def warm_up(head: Head, video: VideoFormat, gop: GopStructure, rng: np.random.Ge
     values = version.transform_faces([version.fit(samples[0])])
     code_packet(predictor, 0, gop.frames_per_packet, values, QUALITY, intra=True)
     _load_loops_of_layers()
-    ModeLearner(version.person).update(samples, version.fit_texels, BYTES, 1)
+    ModeLearner(version.person, SAMPLES_PER_S).update(samples, version.fit_texels, BYTES, 1)
 
 
 def _load_loops_of_layers() -> None:

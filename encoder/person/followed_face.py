@@ -105,6 +105,8 @@ class FollowedFace:
     def _watch_others(self, picture: Picture) -> None:
         before, self._others = self._others, []
         for face in self._detector.detect_large(picture):
+            if self._followed.is_at((face.box[:2] + face.box[2:]) / 2, 0.0):
+                continue
             found = self._mesh.find(picture, roi_from_detection(face))
             if found.score < MIN_SCORE:
                 continue

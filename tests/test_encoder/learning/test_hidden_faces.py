@@ -10,6 +10,7 @@ from encoder.capture.face_crop import crop_face
 from encoder.detection.tflite import find_hand_networks
 from encoder.learning.face_sample import FaceSample
 from encoder.learning.hidden_faces import (
+    HandSuspicion,
     HandWatch,
     SampleHands,
     that_come_and_go,
@@ -67,29 +68,43 @@ def test_without_the_networks_there_are_no_hands(monkeypatch: pytest.MonkeyPatch
     sample = FaceSample(
         crop_face(PICTURE, FACE / 9, 1.0), FACE / 9, window=window_of(PICTURE, FACE / 9)
     )
-    assert watch.hide_in_burst([sample] * 2)[1].crop.hidden is None
+    assert watch.hide(sample) is sample
 
 
-def test_a_burst_of_a_live_call_is_searched_by_its_ends(
+def test_hands_are_hidden_in_a_sample_of_a_live_call(
     watch: HandWatch, clip_frames: ClipFrames
 ) -> None:
     frames = clip_frames("gesture_eat.mkv", 25)
-    samples = [
+    seen, *others = (
         FaceSample(
             crop_face(frames[number], FACE, 1.0), FACE, window=window_of(frames[number], FACE)
         )
         for number in (0, 20, 24)
-    ]
-    seen, *hidden = watch.hide_in_burst(samples)
-    assert seen.crop.hidden is None
-    for each in hidden:
-        crop = each.crop
-        assert each.window is None and crop.hidden is not None
+    )
+    assert watch.hide(seen) is seen
+    for each in others:
+        hidden = watch.hide(each)
+        assert hidden.window is None and hidden.crop.hidden is not None
         # The chin is, the brow is not.
         places = np.array([(305.0, 185.0), (300, 110)], np.float32)
-        assert crop.shows(crop.to_crop_px(places)).tolist() == [False, True]
-    assert watch.hide_in_burst([samples[0]] * 2) == [samples[0]] * 2
-    assert watch.hide_in_burst([]) == []
-    whole = watch.find(frames[24], FACE)[0]
-    without = watch.hide_in_burst([replace(samples[2], window=None)])
-    assert without[0].crop.hidden is None and whole.shape[1] == 2
+        assert hidden.crop.shows(hidden.crop.to_crop_px(places)).tolist() == [False, True]
+    without = replace(others[1], window=None)
+    assert watch.hide(without) is without
+
+
+def test_samples_are_searched_now_and_then_and_where_something_is_odd() -> None:
+    suspicion = HandSuspicion(samples_per_s=4)
+
+    def searched(energies: list[float], has_hands: bool = False) -> list[bool]:
+        done = []
+        for number in range(len(energies)):
+            done.append(suspicion.is_due(np.array(energies[: number + 1])))
+            if done[-1]:
+                suspicion.note(has_hands)
+        return done
+
+    assert searched([1.0] * 9) == [True, False, False, False] * 2 + [True]
+    assert searched([1.0, 1.4, 2.2, 1.0]) == [False, False, True, False]
+    assert searched([1.0] * 3, has_hands=True) == [False, False, True]
+    # What follows upon a hand is.
+    assert searched([1.0] * 2) == [True, False]

@@ -35,7 +35,7 @@ class Jobs:
 
 def test_one_mode_after_the_other_without_new_samples_until_there_is_none() -> None:
     jobs = Jobs()
-    scheduler = ModeScheduler(FPS, 0.25, jobs.learn, one_by_one=True)
+    scheduler = ModeScheduler(FPS, 0.25, 8.0, jobs.learn, one_by_one=True)
     scheduler.add_sample(0, SAMPLE)
     scheduler.add_sample(4, SAMPLE)
     assert scheduler.take_modes(4, 5, may_start=True) == []
@@ -51,7 +51,7 @@ def test_one_mode_after_the_other_without_new_samples_until_there_is_none() -> N
 
 def test_a_mode_that_takes_the_last_slot_is_followed_by_none() -> None:
     jobs = Jobs()
-    scheduler = ModeScheduler(FPS, 0.25, jobs.learn, one_by_one=True)
+    scheduler = ModeScheduler(FPS, 0.25, 8.0, jobs.learn, one_by_one=True)
     scheduler.add_sample(0, SAMPLE)
     scheduler.take_modes(0, 1, may_start=True)
     jobs.futures[0].set_result([MODE])
@@ -60,7 +60,7 @@ def test_a_mode_that_takes_the_last_slot_is_followed_by_none() -> None:
 
 def test_all_at_once_waits_for_the_interval_and_for_samples() -> None:
     jobs = Jobs()
-    scheduler = ModeScheduler(FPS, 0.25, jobs.learn)
+    scheduler = ModeScheduler(FPS, 0.25, 8.0, jobs.learn)
     scheduler.add_sample(0, SAMPLE)
     scheduler.take_modes(0, 5, may_start=True)
     jobs.futures[0].set_result([MODE, MODE])

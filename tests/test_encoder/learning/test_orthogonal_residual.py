@@ -68,6 +68,19 @@ def test_the_leading_direction_is_the_first_principal_one(
     assert share == pytest.approx(others[0] / others.sum(), rel=1e-3)
 
 
+def test_the_newest_frame_can_be_taken_back() -> None:
+    frames, modes = random_rows(3, 6), random_rows(4, 2)
+    residual = OrthogonalResidual(frames[:5])
+    for mode in modes:
+        residual.add_mode(mode)
+    before = residual.energies
+    residual.add_frame(frames[5])
+    expected = (least_squares_residual(frames, modes) ** 2).sum(1)
+    np.testing.assert_allclose(residual.energies, expected, rtol=1e-3)
+    residual.drop_newest_frame()
+    np.testing.assert_allclose(residual.energies, before)
+
+
 def test_a_zero_mode_and_an_empty_residual_are_refused() -> None:
     residual = OrthogonalResidual(random_rows(2, 0))
     with pytest.raises(ValueError, match="no frames"):

@@ -52,7 +52,7 @@ def test_what_another_process_learns_is_what_this_one_learns(tmp_path: Path) -> 
     try:
         for learner in (there, here):
             learner.begin(trainer)
-            learner.start_modes(version)
+            learner.start_modes(version, 8.0)
         far_update, far_modes = there.train(update), there.learn(modes)
         packet, learned = far_update.result(LIMIT_S).packet, far_modes.result(LIMIT_S)
         # Only now: training changes what the trainer knows of the person.
