@@ -4,9 +4,9 @@ import cv2
 import moderngl
 import numpy as np
 
-from decoder.rendering.gl_context import as_float32, load_program, upload_picture
+from decoder.rendering.gl_context import as_float32, load_program, upload_picture, write_mipmaps
 from decoder.rendering.layer_colours import NO_CHANGE, changed_layers, with_alpha
-from decoder.rendering.render_geometry import grid_triangles, shown_triangles
+from decoder.rendering.render_geometry import grid_triangles, shown_triangles, unseen_strips
 from shared_model.arrays import Array, Picture
 from shared_model.layers.light import SAME_LIGHT, Light
 from shared_model.layers.scene_motion import PICTURE_CORNERS
@@ -14,6 +14,8 @@ from shared_model.layers.scene_motion import PICTURE_CORNERS
 # Where a camera shows what it has never shown the scene is mirrored at its edge: as blurred as can
 # be from this share of its sides on.
 UNSEEN_FADE = 0.05
+# Of the mipmap: see `unseen_scene.frag`.
+MOST_BLURRED_LEVEL = 5
 
 
 class BackgroundPass:
@@ -25,10 +27,14 @@ class BackgroundPass:
     def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
         self._context, self._size = context, size
         self._program = load_program(context, "background")
-        self._program["picture_px"] = size
-        self._program["fade"] = 0.0
+        self._unseen = load_program(context, "unseen_scene", vertex="background")
+        self._unseen["fade"], self._unseen["most_blurred"] = UNSEEN_FADE, MOST_BLURRED_LEVEL
+        for program in (self._program, self._unseen):
+            program["picture_px"] = size
         self._has_mipmaps = False  # of the scene as it is now
+        self._mipmapped: moderngl.Texture | None = None
         self._layers: list[Picture] = []  # moving and, if there is one, static, BGRA
+        self._drawn = self._layers  # with the change and light of the textures
         self._moving: moderngl.Texture | None = None
         self._static: moderngl.Texture | None = None
         self._is_changed = False  # the textures hold layers with a change or light
@@ -36,7 +42,8 @@ class BackgroundPass:
         self._solid = 0  # indices of the mesh, the first ones, of triangles without transparency
         self._grid: moderngl.Buffer | None = None
         self._static_frame: moderngl.Framebuffer | None = None
-        self._scene: moderngl.VertexArray | None = None
+        # As it is, and mirrored where it was never seen.
+        self._scenes: tuple[moderngl.VertexArray, moderngl.VertexArray] | None = None
         self._scene_corners: moderngl.Buffer | None = None
         self._last_corners: Array | None = None  # where the scene was drawn last
 
@@ -67,7 +74,7 @@ class BackgroundPass:
         self._upload(self._layers)
         if self._static is not None and static is not None:
             self._static_frame = context.framebuffer([self._static])
-            self._scene = self._whole_picture()
+            self._scenes = self._whole_pictures()
         context.gc()
 
     def draw(
@@ -107,31 +114,43 @@ class BackgroundPass:
         if self._last_corners is None:
             self._context.copy_framebuffer(target, self._static_frame)
             return
-        assert self._scene is not None and self._scene_corners is not None
+        assert self._scenes is not None and self._scene_corners is not None
         self._scene_corners.write(as_float32(self._last_corners))
         self._context.enable_only(moderngl.NOTHING)
         self._static.use()
-        shows_unseen = self._last_corners.min() < 0 or self._last_corners.max() > 1
-        if shows_unseen and not self._has_mipmaps:
-            self._static.build_mipmaps()
+        plain, unseen = self._scenes
+        self._static.filter = moderngl.LINEAR, moderngl.LINEAR
+        plain.render(moderngl.TRIANGLE_STRIP)
+        strips = unseen_strips(self._last_corners, self._size)
+        if strips and not self._has_mipmaps:
+            if self._mipmapped is not self._static:
+                # Makes room for them.
+                self._static.build_mipmaps(max_level=MOST_BLURRED_LEVEL)
+                self._mipmapped = self._static
+            write_mipmaps(self._static, self._drawn[1], MOST_BLURRED_LEVEL)
             self._has_mipmaps = True
-        self._program["fade"] = UNSEEN_FADE if shows_unseen else 0.0
-        self._scene.render(moderngl.TRIANGLE_STRIP)
-        self._program["fade"] = 0.0
+        self._static.filter = moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR
+        for strip in strips:
+            target.scissor = strip
+            unseen.render(moderngl.TRIANGLE_STRIP)
+        target.scissor = None
 
     def _upload(self, layers: list[Picture]) -> None:
-        context = self._context
+        context, self._drawn = self._context, layers
         self._moving = upload_picture(context, self._moving, "background", layers[0])
         if len(layers) > 1:
             self._static = upload_picture(context, self._static, "static background", layers[1])
             self._has_mipmaps = False
 
-    def _whole_picture(self) -> moderngl.VertexArray:
-        """Two triangles over the whole picture."""
+    def _whole_pictures(self) -> tuple[moderngl.VertexArray, moderngl.VertexArray]:
+        """Two triangles over the whole picture, for each program."""
         context, corners = self._context, PICTURE_CORNERS
         self._scene_corners = context.buffer(as_float32(corners), dynamic=True)
         content = [
             (context.buffer(as_float32(np.array(corners) * self._size - 0.5)), "2f", "position_px"),
             (self._scene_corners, "2f", "texture_coordinate"),
         ]
-        return context.vertex_array(self._program, content)
+        plain, unseen = (
+            context.vertex_array(program, content) for program in (self._program, self._unseen)
+        )
+        return plain, unseen

@@ -4,6 +4,7 @@ import os
 from importlib.resources import files
 from typing import Any
 
+import cv2
 import moderngl
 import numpy as np
 
@@ -30,11 +31,16 @@ def create_context() -> moderngl.Context:
     return context
 
 
-def load_program(context: moderngl.Context, name: str) -> moderngl.Program:
-    """The program of the vertex and fragment shaders `name`."""
+def load_program(
+    context: moderngl.Context, name: str, vertex: str | None = None
+) -> moderngl.Program:
+    """The program of the fragment shader `name`, and the vertex shader `vertex`, or of that name.
+
+    Two programs are faster than one with an `if`: llvmpipe always draws both ways.
+    """
     folder = files("decoder") / "shaders"
     return context.program(
-        vertex_shader=(folder / f"{name}.vert").read_text(),
+        vertex_shader=(folder / f"{vertex or name}.vert").read_text(),
         fragment_shader=(folder / f"{name}.frag").read_text(),
     )
 
@@ -71,6 +77,17 @@ def upload_picture(
         texture.repeat_x = texture.repeat_y = False
     texture.write(np.ascontiguousarray(picture), alignment=1)
     return texture
+
+
+def write_mipmaps(texture: moderngl.Texture, picture: Picture, levels: int) -> None:
+    """Write the first mipmap levels of a texture that has some: a fifth of llvmpipe's time.
+
+    picture: (h, w, 3 or 4) uint8, as the texture has it.
+    """
+    for level in range(1, min(levels, max(texture.size).bit_length() - 1) + 1):
+        width, height = (max(side >> level, 1) for side in texture.size)
+        picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+        texture.write(np.ascontiguousarray(picture), level=level, alignment=1)
 
 
 def as_float32(array: Any) -> Single:

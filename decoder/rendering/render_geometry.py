@@ -116,3 +116,26 @@ def shown_triangles(
     if not (is_solid | is_blended).any():
         return triangles[:0], triangles[:1]
     return triangles[is_solid], triangles[is_blended]
+
+
+def unseen_strips(corners: Array, size: tuple[int, int]) -> list[tuple[int, int, int, int]]:
+    """Left, top, width, height, pixels, of what a frame of `size` shows beyond the scene's picture.
+
+    corners: (4, 2) where in that picture, 0 to 1, the frame's corners come from, see
+        `scene_motion.moved_corners`.
+    """
+    strips = []
+    for axis, length in enumerate(size):
+        # Along each line from one side to the other, diagonals too, places change linearly.
+        lines = [(0, 1), (2, 3), (0, 3), (2, 1)] if axis == 0 else [(0, 2), (1, 3), (0, 3), (1, 2)]
+        for is_far in (False, True):
+            ends = np.array([corners[list(line), axis] for line in lines])
+            first, last = (1 - ends).T[::-1] if is_far else ends.T
+            # All of a line whose other end is beyond that side as well.
+            share = np.where(first < 0, np.minimum(first - last, first), 1.0)
+            beyond = np.where(first < 0, first / share, 0.0)
+            depth = min(int(np.ceil(length * beyond.max() + 1)), length) if beyond.any() else 0
+            at = length - depth if is_far else 0
+            if depth:
+                strips.append((at, 0, depth, size[1]) if axis == 0 else (0, at, size[0], depth))
+    return strips

@@ -8,6 +8,8 @@ import pytest
 from drawn_heads import drawn_picture
 from heads import synthetic_head
 
+from decoder.rendering import background_pass
+from decoder.rendering.render_geometry import unseen_strips
 from decoder.rendering.renderer import Renderer
 from shared_model.arrays import Picture
 from shared_model.geometry import Camera, pose_from_euler
@@ -96,3 +98,27 @@ def test_what_the_camera_never_showed_is_the_scene_mirrored_and_ever_more_blurre
         picture = drawn_picture(renderer, CAMERA, AWAY, HEAD.vertices)
         whole = np.where(OPACITY[..., None], 0, behind)
         np.testing.assert_allclose(picture.astype(int), whole.astype(int), atol=1)
+
+
+@pytest.mark.parametrize(
+    "coefficients", [(3, -2), (-20, 9), (0.5, 0, 12, 8), (0, 0, -6, 10), (2, 3, 0, -15), (120, 0)]
+)
+def test_only_the_strips_that_were_never_seen_are_mirrored(
+    coefficients: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    behind = np.random.default_rng(8).integers(0, 256, (240, 320, 3), dtype=np.uint8)
+    corners = moved_corners(320, 240, np.array(coefficients))
+    with layers(np.zeros_like(behind), behind) as renderer:
+        picture = drawn_picture(renderer, CAMERA, AWAY, HEAD.vertices, scene_corners=corners)
+        strips = unseen_strips(corners, (320, 240))
+        assert sum(width * height for _, _, width, height in strips) <= 320 * 240 or (
+            np.abs(coefficients).max() > 100
+        )
+        everywhere = [(0, 0, 320, 240)]
+        monkeypatch.setattr(background_pass, "unseen_strips", lambda *_: everywhere)
+        whole = drawn_picture(renderer, CAMERA, AWAY, HEAD.vertices, scene_corners=corners)
+        np.testing.assert_array_equal(picture, whole)
+
+
+def test_a_scene_that_covers_the_frame_has_no_strips() -> None:
+    assert unseen_strips(np.array([(0.1, 0.1), (0.9, 0), (0, 0.8), (1, 1)]), (320, 240)) == []
