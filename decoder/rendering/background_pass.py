@@ -133,7 +133,7 @@ class BackgroundPass:
         for strip in strips:
             target.scissor = strip
             unseen.render(moderngl.TRIANGLE_STRIP)
-        target.scissor = None
+        target.scissor = 0, 0, *self._size
 
     def _upload(self, layers: list[Picture]) -> None:
         context, self._drawn = self._context, layers

@@ -86,8 +86,9 @@ def write_mipmaps(texture: moderngl.Texture, picture: Picture, levels: int) -> N
     """
     for level in range(1, min(levels, max(texture.size).bit_length() - 1) + 1):
         width, height = (max(side >> level, 1) for side in texture.size)
-        picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-        texture.write(np.ascontiguousarray(picture), level=level, alignment=1)
+        small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+        picture = np.ascontiguousarray(small, np.uint8)
+        texture.write(picture, level=level, alignment=1)
 
 
 def as_float32(array: Any) -> Single:
