@@ -3,7 +3,7 @@
 A palm search takes 6 to 15 ms: some frames are searched, and those beside one that shows a hand.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -61,6 +61,28 @@ class HandWatch:
             return []
         self._finder = self._finder or HandFinder(self._files)
         return self._finder.find(picture, window)
+
+    def find_in_series(
+        self,
+        pictures: Sequence[Picture],
+        points: Sequence[Array],
+        known: Mapping[bytes, Outlines],
+    ) -> tuple[list[Outlines], dict[bytes, Outlines]]:
+        """Hands in each frame of a series of which every second one is searched, and those beside
+        one that shows a hand; and those of the frames that are known by now.
+
+        known: of frames that have been searched before, by the bytes of their landmarks.
+        """
+        keys, found, searched = [each.tobytes() for each in points], dict[int, Outlines](), {}
+        for number in (*range(0, len(keys), 2), *range(1, len(keys), 2)):
+            key = keys[number]
+            is_beside = number % 2 == 0 or found[number - 1] or found.get(number + 1)
+            if key in known or is_beside:
+                hands = known[key] if key in known else self.find(pictures[number], points[number])
+                found[number] = searched[key] = hands
+            else:
+                found[number] = []
+        return [found[number] for number in range(len(keys))], searched
 
     def find_all(
         self, pictures: Sequence[Picture], points: Sequence[Array], workers: int | None = None

@@ -239,16 +239,12 @@ class ModelTrainer:
         return learned.encode(int(LAYER_BYTES * self._budget.background_bytes))
 
     def _find_hands(self, pictures: Sequence[Picture], points: Sequence[Array]) -> list[Outlines]:
-        """The hands in each frame; those of the version before are not searched again."""
+        """The hands in each frame."""
         if len(points) == 1:
             # All that there is to learn from.
             return [[]]
-        keys, known = [each.tobytes() for each in points], self._hands
-        for key, picture, each in zip(keys, pictures, points, strict=True):
-            if key not in known:
-                known[key] = self._hand_watch.find(picture, each)
-        self._hands = {key: known[key] for key in keys}
-        return that_come_and_go([known[key] for key in keys])
+        found, self._hands = self._hand_watch.find_in_series(pictures, points, self._hands)
+        return that_come_and_go(found)
 
     def _train_person(
         self,

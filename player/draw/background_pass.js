@@ -1,11 +1,13 @@
 import { PICTURE_CORNERS } from "../model/layer_motion.js";
 import { bufferOf, programOf, Texture, writeBuffer } from "./gl.js";
-import { BACKGROUND } from "./shaders.js";
+import { BACKGROUND, UNSEEN_SCENE } from "./shaders.js";
+import { unseenStrips } from "./unseen_strips.js";
 
 /** @typedef {import("../model/background_mesh.js").BackgroundMesh} BackgroundMesh */
 /** @typedef {import("./background_pictures.js").BackgroundPictures} BackgroundPictures */
 /** @typedef {import("./background_pictures.js").Bitmap} Bitmap */
 /** @typedef {import("./layer_colours.js").Light} Light */
+/** @typedef {ReturnType<typeof programOf>} Program */
 /**
  * What the layers of a frame look like.
  * @typedef {object} LayerState
@@ -30,6 +32,8 @@ export class BackgroundPass {
     const { width, height } = mesh.camera;
     this.size = [width, height];
     this.program = programOf(gl, BACKGROUND);
+    /** What a change and light make of the colours: gain, offset, and whether there is a change. */
+    this.look = { gain: 1, offset: 0, isChanged: false };
     this.layers = [pictures.moving, ...(pictures.still ? [pictures.still] : [])];
     this.textures = this.layers.map((layer) => {
       const texture = new Texture(gl, layer.width, layer.height);
@@ -46,20 +50,29 @@ export class BackgroundPass {
     this.count = solid.length + blended.length;
     this.grid = bufferOf(gl, Float32Array.from(gridPx));
     const shown = Uint32Array.from([...solid, ...blended]);
-    this.mesh = this.#vertexArray(this.grid, bufferOf(gl, coordinates), shown);
-    const places = PICTURE_CORNERS.map((corner, i) => corner * this.size[i & 1] - 0.5);
+    this.mesh = this.#vertexArray(this.program, this.grid, bufferOf(gl, coordinates), shown);
+    const corners = PICTURE_CORNERS.map((corner, i) => corner * this.size[i & 1] - 0.5);
+    this.places = bufferOf(gl, Float32Array.from(corners));
     this.corners = bufferOf(gl, Float32Array.from(PICTURE_CORNERS));
+    this.scene = this.#sceneArray(this.program);
+    /** @type {WebGLVertexArrayObject | null} */
+    this.unseenScene = null;
+  }
+
+  /** @param {Program} program */
+  #sceneArray(program) {
     const strip = Uint32Array.from([0, 1, 2, 3]);
-    this.scene = this.#vertexArray(bufferOf(gl, Float32Array.from(places)), this.corners, strip);
+    return this.#vertexArray(program, this.places, this.corners, strip);
   }
 
   /**
+   * @param {Program} program
    * @param {WebGLBuffer} places
    * @param {WebGLBuffer} coordinates
    * @param {Uint32Array} indices
    */
-  #vertexArray(places, coordinates, indices) {
-    return this.program.vertexArray(
+  #vertexArray(program, places, coordinates, indices) {
+    return program.vertexArray(
       [
         [places, [["position_px", 2]]],
         [coordinates, [["texture_coordinate", 2]]],
@@ -73,26 +86,37 @@ export class BackgroundPass {
    * @param {LayerState} state
    */
   draw({ gridPx, change, light, corners }) {
-    const { gl, program } = this;
-    program.use();
-    program.set("picture_px", this.size[0], this.size[1]);
+    const { gl } = this;
     const { gain, offset, pivot } = light ?? { gain: 1, offset: 0, pivot: 0 };
-    program.set("light", gain, (pivot - gain * pivot + offset) / 255);
-    program.setFlag("is_changed", change !== null);
+    const isChanged = change !== null;
+    this.look = { gain, offset: (pivot - gain * pivot + offset) / 255, isChanged };
+    this.#use(this.program);
     if (change) this.change.write(change);
     gl.activeTexture(gl.TEXTURE1);
     this.change.use();
     gl.activeTexture(gl.TEXTURE0);
-    program.setUnit("change", 1);
     writeBuffer(gl, this.grid, Float32Array.from(gridPx));
     this.drawScene(corners);
-    program.set("fade", 0);
+    this.program.use();
     this.textures[0].use();
     gl.bindVertexArray(this.mesh);
     gl.drawElements(gl.TRIANGLES, this.solid, gl.UNSIGNED_INT, 0);
     if (this.layers.length > 1) gl.enable(gl.BLEND);
     gl.drawElements(gl.TRIANGLES, this.count - this.solid, gl.UNSIGNED_INT, 4 * this.solid);
     gl.disable(gl.BLEND);
+  }
+
+  /**
+   * Draw layers by a program from now on, in the change and light of the frame.
+   * @param {Program} program
+   */
+  #use(program) {
+    const { gain, offset, isChanged } = this.look;
+    program.use();
+    program.set("picture_px", this.size[0], this.size[1]);
+    program.set("light", gain, offset);
+    program.setFlag("is_changed", isChanged);
+    program.setUnit("change", 1);
   }
 
   /**
@@ -104,17 +128,37 @@ export class BackgroundPass {
     const texture = this.textures[1];
     if (!texture) return;
     const places = corners ?? PICTURE_CORNERS;
-    const showsUnseen = places.some((place) => place < 0 || place > 1);
-    if (showsUnseen && !this.hasMipmaps) {
-      texture.setMipmaps(true);
-      this.hasMipmaps = true;
-    }
     writeBuffer(gl, this.corners, Float32Array.from(places));
     this.program.use();
-    this.program.set("fade", showsUnseen ? UNSEEN_FADE : 0);
     texture.use();
     gl.bindVertexArray(this.scene);
     gl.drawElements(gl.TRIANGLE_STRIP, 4, gl.UNSIGNED_INT, 0);
+    this.#drawUnseen(texture, unseenStrips(places, this.size[0], this.size[1]));
+  }
+
+  /**
+   * Draw what the frame shows beyond the scene's picture.
+   * @param {Texture} texture
+   * @param {number[][]} strips
+   */
+  #drawUnseen(texture, strips) {
+    if (!strips.length) return;
+    const { gl } = this;
+    if (this.hasMipmaps) texture.useMipmaps(true);
+    else texture.setMipmaps(true);
+    this.hasMipmaps = true;
+    const program = programOf(gl, UNSEEN_SCENE);
+    this.#use(program);
+    program.set("fade", UNSEEN_FADE);
+    this.unseenScene ??= this.#sceneArray(program);
+    gl.bindVertexArray(this.unseenScene);
+    gl.enable(gl.SCISSOR_TEST);
+    for (const [left, top, width, height] of strips) {
+      gl.scissor(left, top, width, height);
+      gl.drawElements(gl.TRIANGLE_STRIP, 4, gl.UNSIGNED_INT, 0);
+    }
+    gl.disable(gl.SCISSOR_TEST);
+    texture.useMipmaps(false);
   }
 
   /** Free the textures. */

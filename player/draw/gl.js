@@ -175,6 +175,16 @@ export class Texture {
     const { gl } = this;
     gl.bindTexture(gl.TEXTURE_2D, this.texture);
     if (isOn) gl.generateMipmap(gl.TEXTURE_2D);
+    this.useMipmaps(isOn);
+  }
+
+  /**
+   * Sample the mipmaps that `setMipmaps` has made, or the nearest texels alone, which is faster.
+   * @param {boolean} isOn
+   */
+  useMipmaps(isOn) {
+    const { gl } = this;
+    gl.bindTexture(gl.TEXTURE_2D, this.texture);
     gl.texParameteri(
       gl.TEXTURE_2D,
       gl.TEXTURE_MIN_FILTER,

@@ -70,8 +70,7 @@ void main() {
 };
 
 /** A layer behind the head; what was never seen of a scene is mirrored at its edge and blurred. */
-export const BACKGROUND = {
-  vertex: `${HEADER}
+const BACKGROUND_VERTEX = `${HEADER}
 uniform vec2 picture_px;
 in vec2 position_px;
 in vec2 texture_coordinate;
@@ -79,30 +78,41 @@ out vec2 uv;
 void main() {
     uv = texture_coordinate;
     gl_Position = vec4((2.0 * position_px + 1.0) / picture_px - 1.0, 0.0, 1.0);
-}`,
-  fragment: `${HEADER}
+}`;
+
+const LAYER = `${HEADER}
 uniform sampler2D picture;
 // What is added to its colours, 128 grey levels more than that.
 uniform sampler2D change;
 uniform bool is_changed;
 // Light: colours v become gain v + offset.
 uniform vec2 light;
-uniform float fade;
 in vec2 uv;
 out vec4 colour;
-const float MOST_BLURRED = 5.0;
 vec4 layer(vec2 at, float level) {
     vec4 own = textureLod(picture, at, level);
     if (is_changed) own.rgb = clamp(own.rgb + textureLod(change, at, 0.0).rgb - 128.0 / 255.0, 0.0, 1.0);
     return vec4(clamp(light.x * own.rgb + light.y, 0.0, 1.0), own.a);
 }
+`;
+
+export const BACKGROUND = {
+  vertex: BACKGROUND_VERTEX,
+  fragment: `${LAYER}
+void main() {
+    colour = layer(uv, 0.0);
+}`,
+};
+
+/** The scene where it was never seen: as in a mirror at its edge, the more blurred the farther. */
+export const UNSEEN_SCENE = {
+  vertex: BACKGROUND_VERTEX,
+  fragment: `${LAYER}
+uniform float fade;
+const float MOST_BLURRED = 5.0;
 void main() {
     vec2 beyond = max(abs(uv - 0.5) - 0.5, 0.0);
     float away = max(beyond.x, beyond.y);
-    if (fade == 0.0 || away == 0.0) {
-        colour = layer(uv, 0.0);
-        return;
-    }
     vec2 mirrored = 1.0 - abs(1.0 - mod(uv, 2.0));
     colour = layer(mirrored, MOST_BLURRED * min(away / fade, 1.0));
 }`,

@@ -61,6 +61,21 @@ def test_frames_are_searched_only_beside_those_of_the_sample_that_show_a_hand() 
     assert watch.searched == 6
 
 
+def test_every_second_frame_of_a_series_is_searched_and_those_beside_a_hand() -> None:
+    class InOne(Counting):
+        def find(self, picture: Picture, points: Array) -> list[Array]:
+            return super().find(picture, points) if points[0, 0] == 4 else []
+
+    watch, points = InOne(), [np.full((468, 3), float(number)) for number in range(8)]
+    found, known = watch.find_in_series([PICTURE] * 8, points, {})
+    assert [bool(each) for each in found] == [False] * 4 + [True] + [False] * 3
+    assert sorted(known) == sorted(points[each].tobytes() for each in (0, 2, 3, 4, 5, 6))
+    # What is known is not searched again, and what is gone is forgotten.
+    again, still = watch.find_in_series([PICTURE] * 3, points[3:6], known)
+    assert [bool(each) for each in again] == [False, True, False] and watch.searched == 1
+    assert len(still) == 3
+
+
 def test_without_the_networks_there_are_no_hands(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("encoder.learning.hidden_faces.find_hand_networks", lambda: None)
     watch = HandWatch()
