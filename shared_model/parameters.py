@@ -36,6 +36,7 @@ EAUS = (
 EAU_INDEX = {eau.name: index for index, eau in enumerate(EAUS)}
 EAU_LOW = tuple(eau.low for eau in EAUS)
 EAU_HIGH = tuple(eau.high for eau in EAUS)
+_LOW, _HIGH = np.array(EAU_LOW), np.array(EAU_HIGH)
 
 # Thesis 4.4: the four actuators that the tracker of the thesis estimates.
 THESIS_EAUS = ("jaw_drop", "mouth_corners", "eyebrow_middle", "eyebrow_inner")
@@ -91,7 +92,7 @@ class FaceParameters:
 
 def clip_eau(eau: Array) -> Array:
     """Clip actuators to their ranges.  eau: (..., len(EAUS)) float64."""
-    return np.clip(eau, EAU_LOW, EAU_HIGH)
+    return np.asarray(np.minimum(np.maximum(eau, _LOW), _HIGH))
 
 
 def with_focal_change(face: FaceParameters, ratio: float) -> FaceParameters:

@@ -27,12 +27,13 @@ class BackgroundPass:
     def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
         self._context, self._size = context, size
         self._program = load_program(context, "background")
+        # A program of its own is faster than an `if`: llvmpipe draws both ways everywhere.
         self._unseen = load_program(context, "unseen_scene", vertex="background")
         self._unseen["fade"], self._unseen["most_blurred"] = UNSEEN_FADE, MOST_BLURRED_LEVEL
         for program in (self._program, self._unseen):
             program["picture_px"] = size
         self._has_mipmaps = False  # of the scene as it is now
-        self._mipmapped: moderngl.Texture | None = None
+        self._mipmapped: moderngl.Texture | None = None  # has room for mipmaps
         self._layers: list[Picture] = []  # moving and, if there is one, static, BGRA
         self._drawn = self._layers  # with the change and light of the textures
         self._moving: moderngl.Texture | None = None
@@ -118,22 +119,29 @@ class BackgroundPass:
         self._scene_corners.write(as_float32(self._last_corners))
         self._context.enable_only(moderngl.NOTHING)
         self._static.use()
-        plain, unseen = self._scenes
-        self._static.filter = moderngl.LINEAR, moderngl.LINEAR
-        plain.render(moderngl.TRIANGLE_STRIP)
+        seen, unseen = self._scenes
+        seen.render(moderngl.TRIANGLE_STRIP)
         strips = unseen_strips(self._last_corners, self._size)
-        if strips and not self._has_mipmaps:
-            if self._mipmapped is not self._static:
-                # Makes room for them.
-                self._static.build_mipmaps(max_level=MOST_BLURRED_LEVEL)
-                self._mipmapped = self._static
-            write_mipmaps(self._static, self._drawn[1], MOST_BLURRED_LEVEL)
-            self._has_mipmaps = True
+        if not strips:
+            return
+        self._make_mipmaps(self._static)
         self._static.filter = moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR
         for strip in strips:
             target.scissor = strip
             unseen.render(moderngl.TRIANGLE_STRIP)
         target.scissor = 0, 0, *self._size
+        # Of all that is seen the mipmaps would be sampled in vain, for twice the time.
+        self._static.filter = moderngl.LINEAR, moderngl.LINEAR
+
+    def _make_mipmaps(self, static: moderngl.Texture) -> None:
+        """Make the mipmaps of the scene as it is now."""
+        if self._mipmapped is not static:
+            # Makes room for them.
+            static.build_mipmaps(max_level=MOST_BLURRED_LEVEL)
+            self._mipmapped = static
+        if not self._has_mipmaps:
+            write_mipmaps(static, self._drawn[1], MOST_BLURRED_LEVEL)
+            self._has_mipmaps = True
 
     def _upload(self, layers: list[Picture]) -> None:
         context, self._drawn = self._context, layers
@@ -150,7 +158,7 @@ class BackgroundPass:
             (context.buffer(as_float32(np.array(corners) * self._size - 0.5)), "2f", "position_px"),
             (self._scene_corners, "2f", "texture_coordinate"),
         ]
-        plain, unseen = (
+        seen, unseen = (
             context.vertex_array(program, content) for program in (self._program, self._unseen)
         )
-        return plain, unseen
+        return seen, unseen

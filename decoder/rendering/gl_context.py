@@ -34,10 +34,7 @@ def create_context() -> moderngl.Context:
 def load_program(
     context: moderngl.Context, name: str, vertex: str | None = None
 ) -> moderngl.Program:
-    """The program of the fragment shader `name`, and the vertex shader `vertex`, or of that name.
-
-    Two programs are faster than one with an `if`: llvmpipe always draws both ways.
-    """
+    """The program of the fragment shader `name` and a vertex shader, of that name if not stated."""
     folder = files("decoder") / "shaders"
     return context.program(
         vertex_shader=(folder / f"{vertex or name}.vert").read_text(),

@@ -12,7 +12,7 @@ from shared_model.arrays import Array, Picture
 # the next, in widths of the eye; elsewhere one after the other.  Of nine clips, 3 to 37 % of the
 # frames; the aperture of the other eye is off by .005 to .013 then, as much as the network's noise.
 MAX_LID_MOTION = 0.02
-# Upper and lower points of `EYELID_MARGINS`, without those beside the corners.
+# Lower and upper points of `EYELID_MARGINS`, without those beside the corners.
 _LOWER, _UPPER = slice(1, 6), slice(8, 13)
 
 

@@ -3,7 +3,7 @@
 import os
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
@@ -131,12 +131,7 @@ class TfliteNetwork:
         low: the network's input for black; white is 1.
         Lengths identify the outputs of these networks more reliably than layer names.
         """
-        return {length: rows[0] for length, rows in self.run_all([image], low).items()}
-
-    def run_all(self, images: Sequence[Picture], low: float) -> dict[int, Single]:
-        """The outputs (n, length) by their length, for n images of one size, see `run`."""
-        outputs = [self.outputs(image, low) for image in images]
-        return {rows[0].size: np.stack(rows) for rows in zip(*outputs, strict=True)}
+        return {output.size: output for output in self.outputs(image, low)}
 
     def outputs(self, image: Picture, low: float) -> list[Single]:
         """The flat outputs in the order of the network, two of which may have one length.

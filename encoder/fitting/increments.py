@@ -21,6 +21,7 @@ from shared_model.parameters import (
     EAUS,
     FaceParameters,
     Pose,
+    clip_eau,
     with_focal_change,
 )
 
@@ -59,7 +60,7 @@ def apply_increment(face: FaceParameters, step: Array) -> FaceParameters:
     """Add a step (6 + EAUs,): rotation (rad, camera axes), translation (mm), actuators."""
     rotation = _turned(face.pose.rotation, step)
     pose = Pose(rotation, face.pose.translation_mm + step[3:6])
-    return replace(face, pose=pose, eau=np.minimum(np.maximum(face.eau + step[6:], LOW), HIGH))
+    return replace(face, pose=pose, eau=clip_eau(face.eau + step[6:]))
 
 
 @jit

@@ -35,10 +35,10 @@ class ModeScheduler:
         one_by_one: bool = False,
     ) -> None:
         self._fps, self._interval_s, self._learn = fps, interval_s, learn
-        self._frames_per_sample, window = fps / samples_per_s, window_samples(samples_per_s)
+        self._frames_per_sample, self._window = fps / samples_per_s, window_samples(samples_per_s)
         self._one_by_one, self._is_unfinished = one_by_one, False
-        self._recent_samples: deque[FaceSample] = deque(maxlen=window)
-        self._new_samples = deque[FaceSample](maxlen=self._recent_samples.maxlen)
+        self._recent_samples: deque[FaceSample] = deque(maxlen=self._window)
+        self._new_samples = deque[FaceSample](maxlen=self._window)
         self._job: Future[list[LearnedMode]] | None = None
         self._last_sample = self._last_update = float("-inf")
         self._byte_budget = 0.0
@@ -46,9 +46,8 @@ class ModeScheduler:
     def start(self) -> None:
         """Begin with another version's modes; the result of a running job is dropped."""
         self._new_samples.clear()
-        window = self._new_samples.maxlen or 0
         # A learner for a new model starts with half of the last window.
-        newest = list(self._recent_samples)[-(window // 2) :]
+        newest = list(self._recent_samples)[-(self._window // 2) :]
         self._new_samples.extend(replace(sample, face=None) for sample in newest)
         self._job, self._is_unfinished = None, False
 

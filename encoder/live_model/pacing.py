@@ -34,7 +34,7 @@ class Pacing:
     training_frames: to train from, and up to twice as many.
     mode_interval_s: between two updates of the modes, each of which changes the template of the
         texel fitter.
-    mode_samples_per_s: frames that modes are learned from.
+    mode_samples_per_s: frames a second that modes are learned from.
     lead_packets: from an update of the model to the first packet that needs it.
     mode_lead_packets: before an update's first packet, from which on modes are learned for it.
     updates: of the model, see `ModelSchedule`.
@@ -102,7 +102,8 @@ UNPACED = Pacing(
 )
 # Fewer frames cost .02 dB on average of seven clips, and half the time.  What is learned beside the
 # frames comes late: the sooner it begins the better, and it takes as long as several packets.  Half
-# the samples of modes cost .1 dB where there is time, and bring .6 to 1.1 beside a busy loop.  An
+# the samples of modes cost .1 dB where there is time, and bring 1.1 beside a busy loop (mean of
+# three clips).  An
 # update takes 2 to 4 s, and throws away the modes that were learned meanwhile: one at 1.5 s, when
 # more has been seen, and none at 5 s is .6 dB better beside a busy loop, mean of three clips.  With
 # layers every frame takes 20 to 30 ms longer, and the first update three times as long, and the

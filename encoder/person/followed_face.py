@@ -105,6 +105,7 @@ class FollowedFace:
     def _watch_others(self, picture: Picture) -> None:
         before, self._others = self._others, []
         for face in self._detector.detect_large(picture):
+            # The box is enough to see that this is the followed one, without its landmarks.
             if self._followed.is_at((face.box[:2] + face.box[2:]) / 2, 0.0):
                 continue
             found = self._mesh.find(picture, roi_from_detection(face))

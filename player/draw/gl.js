@@ -172,10 +172,8 @@ export class Texture {
    * @param {boolean} isOn
    */
   setMipmaps(isOn) {
-    const { gl } = this;
-    gl.bindTexture(gl.TEXTURE_2D, this.texture);
-    if (isOn) gl.generateMipmap(gl.TEXTURE_2D);
     this.useMipmaps(isOn);
+    if (isOn) this.gl.generateMipmap(this.gl.TEXTURE_2D);
   }
 
   /**

@@ -69,7 +69,6 @@ void main() {
 }`,
 };
 
-/** A layer behind the head; what was never seen of a scene is mirrored at its edge and blurred. */
 const BACKGROUND_VERTEX = `${HEADER}
 uniform vec2 picture_px;
 in vec2 position_px;
@@ -96,6 +95,7 @@ vec4 layer(vec2 at, float level) {
 }
 `;
 
+/** A layer behind the head. */
 export const BACKGROUND = {
   vertex: BACKGROUND_VERTEX,
   fragment: `${LAYER}

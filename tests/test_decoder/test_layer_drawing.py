@@ -111,9 +111,9 @@ def test_only_the_strips_that_were_never_seen_are_mirrored(
     with layers(np.zeros_like(behind), behind) as renderer:
         picture = drawn_picture(renderer, CAMERA, AWAY, HEAD.vertices, scene_corners=corners)
         strips = unseen_strips(corners, (320, 240))
-        assert sum(width * height for _, _, width, height in strips) <= 320 * 240 or (
-            np.abs(coefficients).max() > 100
-        )
+        # Of a scene that is shifted by a part of the frame most is seen.
+        most = 0.1 if np.abs(coefficients).max() < 10 else 1.0
+        assert sum(width * height for _, _, width, height in strips) <= most * 320 * 240
         everywhere = [(0, 0, 320, 240)]
         monkeypatch.setattr(background_pass, "unseen_strips", lambda *_: everywhere)
         whole = drawn_picture(renderer, CAMERA, AWAY, HEAD.vertices, scene_corners=corners)

@@ -1,4 +1,4 @@
-"""TFLite networks: batches, input range, messages and unreadable files."""
+"""TFLite networks: outputs, input range, messages and unreadable files."""
 
 import subprocess
 import sys
@@ -12,16 +12,16 @@ from encoder.detection.tflite import IRIS, NetworkFilesMissing, TfliteNetwork
 SIDE = 64
 
 
-def test_a_batch_gives_the_outputs_of_single_pictures(networks: Path) -> None:
+def test_outputs_are_told_by_their_lengths_and_stay_as_they_are(networks: Path) -> None:
     network = TfliteNetwork(networks / IRIS)
     pictures = list(np.random.default_rng(3).integers(0, 256, (3, SIDE, SIDE, 3), np.uint8))
-    together = network.run_all(pictures, 0.0)
+    together = [network.run(picture, 0.0) for picture in pictures]
     for number, picture in enumerate(pictures):
         alone = network.run(picture, 0.0)
-        assert alone.keys() == together.keys()
+        assert alone.keys() == together[number].keys()
         for length, output in alone.items():
             assert output.shape == (length,)
-            np.testing.assert_array_equal(output, together[length][number])
+            np.testing.assert_array_equal(output, together[number][length])
 
 
 def test_pictures_are_bgr_and_scaled_to_the_given_range(networks: Path) -> None:

@@ -28,3 +28,11 @@ def test_what_is_not_free_stays_and_bounds_that_are_far_change_nothing() -> None
     assert found[1] == 0
     expected = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
     np.testing.assert_allclose(found[free], expected)
+
+
+def test_a_matrix_that_is_not_positive_definite_is_solved_without_bounds_and_clipped() -> None:
+    normal = np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 5.0]])
+    gradient, free = np.array([3.0, 9.0, 1.0]), np.array([True, True, False])
+    found = bounded_step(normal, gradient, free, np.full(3, -1.0), np.full(3, 2.0))
+    np.testing.assert_allclose(np.linalg.solve(normal[:2, :2], gradient[:2]), [5.0, -1.0])
+    np.testing.assert_allclose(found, [2.0, -1.0, 0.0])
