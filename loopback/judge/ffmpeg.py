@@ -17,16 +17,21 @@ from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
 
-@lru_cache
 def find_ffmpeg(kind: str, feature: str) -> str | None:
     """The path of an `ffmpeg` that has a feature: the judge's, or that of the host; None: neither.
 
     kind: "filters" or "encoders".
     """
-    observer, programs = find_observer(), list[str | None]()
-    if isinstance(observer, MediaPipeJudge):
+    observer = find_observer()
+    return _find(observer.python if isinstance(observer, MediaPipeJudge) else None, kind, feature)
+
+
+@lru_cache
+def _find(python: Path | None, kind: str, feature: str) -> str | None:
+    programs = list[str | None]()
+    if python is not None:
         ask = "import imageio_ffmpeg; print(imageio_ffmpeg.get_ffmpeg_exe())"
-        said = subprocess.run([str(observer.python), "-c", ask], capture_output=True, text=True)
+        said = subprocess.run([str(python), "-c", ask], capture_output=True, text=True)
         programs.append(said.stdout.strip() or None)
     programs.append(shutil.which("ffmpeg"))
     for program in filter(None, programs):

@@ -10,11 +10,15 @@ import os
 import sys
 from collections.abc import Iterator
 from io import BytesIO
+from types import ModuleType
 from typing import Any, BinaryIO
 
-import cv2
-import mediapipe
-import numpy as np
+# MediaPipe draws with it, which nobody asks for; to import it takes longer than all the rest.
+sys.modules["matplotlib"] = sys.modules["matplotlib.pyplot"] = ModuleType("matplotlib")
+
+import cv2  # noqa: E402
+import mediapipe  # noqa: E402
+import numpy as np  # noqa: E402
 
 # Frames of fewer rows are enlarged: the network that finds faces misses small ones.
 LEAST_ROWS = 480

@@ -111,8 +111,13 @@ class MediaPipeJudge:
 
 
 def find_observer() -> Observer:
-    """The judge if there is one, see `ENVIRONMENT`, else the encoder's own networks."""
+    """The judge if there is one, see `ENVIRONMENT`, else the encoder's own networks.
+
+    So it is if the variable is empty, too.
+    """
     named = os.environ.get(ENVIRONMENT_VARIABLE)
+    if named == "":
+        return EncoderNetworks()
     if named is not None:
         if not Path(named).is_file():
             raise UserError(f"{ENVIRONMENT_VARIABLE}: there is no {named}; it is a judge's python")
