@@ -31,6 +31,7 @@ from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from loopback.clip_paths import CARPHONE, clip_path
+from loopback.judge.observer import ENVIRONMENT_VARIABLE
 from loopback.process_pair import free_port
 from risorius.cli import main
 from shared_model.arrays import Picture
@@ -151,6 +152,15 @@ def without_layers() -> Iterator[None]:
     the learning, and many tests are of something else."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("encoder.layers.layer_learning.find_segmentation_network", lambda: None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def without_judge() -> Iterator[None]:
+    """As where no judge is installed, in all processes: it costs seconds a video, and many tests
+    are of something else."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(ENVIRONMENT_VARIABLE, "")
         yield
 
 

@@ -14,11 +14,12 @@ from shared_model.errors import UserError
 
 pytest.importorskip("plotly", reason="needs plotly: pip install '.[report]'")
 
+pytestmark = pytest.mark.usefixtures("without_judge")
 FRAMES = 20
 
 
 @pytest.fixture(scope="module")
-def folder(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(without_judge: None, carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bench of one clip against one rival."""
     folder = tmp_path_factory.mktemp("curves")
     options = ["--max-frames", str(FRAMES), "--out", str(folder), "--against", "x264"]

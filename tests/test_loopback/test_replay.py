@@ -28,6 +28,7 @@ from loopback.replay.suite import Clip, Suite, read_suite
 from risorius.cli import main
 from shared_model.errors import UserError
 
+pytestmark = pytest.mark.usefixtures("without_judge")
 DEMO_SUITE = ROOT / "tests" / "suites" / "demo.toml"
 FIGURES = {"frames": 60, "face_psnr_db": 24.5, "latency_ms": {"p50": 80.0, "p99": None}}
 
