@@ -1,19 +1,29 @@
 """Recorded calls with bits to spare: what the model does not show is seen all the same."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 import cv2
 import numpy as np
 import pytest
 from call_contents import packets_of, raw_packets
+from conftest import without_layers
 
 from decoder.drawn_call import draw_call
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from decoder.sinks.frame_sink import open_sink
+from encoder.calls.call_session import RecordedPass
+from encoder.calls.packet_sender import PacketSender
+from encoder.calls.recorded_session import send_call
+from encoder.calls.session_callbacks import SessionCallbacks
+from encoder.calls.session_stats import SessionStats
 from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import open_source
 from encoder.options import EncodeOptions
-from encoder.pipeline import encode
+from encoder.pipeline import EncodeRun, encode, encode_recorded, first_and_second_pass
+from encoder.residual.draw_call import DrawCall
 from protocol.call_file import CallWriter
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, parse_packet
@@ -21,9 +31,13 @@ from protocol.summary import summarise
 from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
-FRAMES, BITRATE = 50, 12_000
+FRAMES, BITRATE = 41, 12_000
 # A disc that is held before the collar: frames in which it is there, place, and radius.
-SEEN, X, Y, RADIUS = range(20, 40), 70, 118, 14
+SEEN, X, Y, RADIUS = range(16, 32), 70, 118, 14
+
+UNTOLD = SessionCallbacks(lambda *_: None, lambda: False)
+
+Passed = tuple[EncodeRun, RecordedPass]
 
 
 @pytest.fixture(scope="module")
@@ -40,16 +54,33 @@ def film(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def called(film: Path, call: Path, with_residual: bool = True) -> None:
-    draw = draw_call if with_residual else None
-    options = EncodeOptions(str(film), call, bitrate=BITRATE, model_bytes=9000, draw=draw)
-    encode(options, lambda *_: None, lambda: False)
+@pytest.fixture(scope="module")
+def passed(film: Path) -> Iterator[Passed]:
+    """After both passes over the film: what can be sent with a residual and without."""
+    options = EncodeOptions(str(film), bitrate=BITRATE, model_bytes=9000, draw=draw_call)
+    with open_source(str(film)) as source:
+        run = EncodeRun(options, source, SessionStats(), UNTOLD)
+        yield run, first_and_second_pass(run)
+
+
+def send(
+    passed: Passed, path: Path, draw: DrawCall | None, callbacks: SessionCallbacks = UNTOLD
+) -> SessionStats:
+    """Send what was passed into a file."""
+    (run, encoder), stats = passed, SessionStats()
+    options = replace(run.options, draw=draw)
+    with CallWriter(path) as sink:
+        call = encode_recorded(
+            encoder, replace(run, options=options, stats=stats, callbacks=callbacks)
+        )
+        send_call(call, PacketSender(sink, stats), None, lambda: False)
+    return stats
 
 
 @pytest.fixture(scope="module")
-def call(film: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def call(passed: Passed, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("residual") / "call.rzo"
-    called(film, path)
+    send(passed, path, draw_call)
     return path
 
 
@@ -74,9 +105,11 @@ def around_disc(shown: list[Picture]) -> list[Picture]:
     return [shown[frame][area] for frame in SEEN]
 
 
-def test_what_the_model_does_not_know_is_seen(film: Path, call: Path, tmp_path: Path) -> None:
+def test_what_the_model_does_not_know_is_seen(
+    film: Path, passed: Passed, call: Path, tmp_path: Path
+) -> None:
     plain = tmp_path / "plain.rzo"
-    called(film, plain, with_residual=False)
+    send(passed, plain, None)
     source, (shown, _), (without, _) = (
         pictures(film),
         decoded(call, tmp_path),
@@ -118,12 +151,14 @@ def test_a_face_that_leaves_takes_its_residual_along(carphone: Path, tmp_path: P
     path, call = tmp_path / "leaves.mkv", tmp_path / "leaves.rzo"
     with open_source(str(carphone)) as capture, open_sink(path, 176, 144, exact_fps(25)) as sink:
         for index, picture in capture:
-            if index == 45:
+            if index == 25:
                 break
-            sink.write(picture if index < 30 else np.full_like(picture, 90))
-    called(path, call)
+            sink.write(picture if index < 14 else np.full_like(picture, 90))
+    options = EncodeOptions(str(path), call, bitrate=BITRATE, model_bytes=9000, draw=draw_call)
+    with without_layers():
+        encode(options, lambda *_: None, lambda: False)
     shown, report = decoded(call, tmp_path)
-    assert len(shown) == 45 and not any("damaged" in warning for warning in report.warnings)
+    assert len(shown) == 25 and not any("damaged" in warning for warning in report.warnings)
 
 
 def is_frame(data: bytes) -> bool:
@@ -145,33 +180,26 @@ def test_a_damaged_residual_is_told_and_the_face_goes_on(call: Path, tmp_path: P
     assert len(shown) == FRAMES and report.complete
 
 
-def test_a_call_that_is_stopped_is_whole_with_less_residual(film: Path, tmp_path: Path) -> None:
+def test_a_call_that_is_stopped_is_whole_with_less_residual(passed: Passed, tmp_path: Path) -> None:
     said, path = list[str](), tmp_path / "stopped.rzo"
-    options = EncodeOptions(str(film), path, bitrate=BITRATE, model_bytes=9000, draw=draw_call)
 
     def stop() -> bool:
         return "picture residual, frame 25" in said
 
-    encode(options, lambda *_: None, stop, on_preparing=said.append)
+    send(passed, path, draw_call, replace(UNTOLD, stop=stop, on_preparing=said.append))
     summary = summarise(path)
     assert summary.complete and summary.frames == FRAMES
     sizes = [len(data) for data in raw_packets(path) if is_frame(data)]
     assert min(sizes[1:4]) > 2 * max(sizes[4:])
 
 
-def test_where_nothing_can_be_drawn_the_call_is_one_without(film: Path, tmp_path: Path) -> None:
-    def cannot(stream: object) -> None:
+def test_where_nothing_can_be_drawn_the_call_is_one_without(passed: Passed, tmp_path: Path) -> None:
+    def cannot(stream: object) -> NoReturn:
         raise UserError("no EGL here")
 
     path = tmp_path / "plain.rzo"
-    options = EncodeOptions(
-        str(film),
-        path,
-        bitrate=5000,
-        model_bytes=9000,
-        max_frames=12,
-        draw=cannot,  # type: ignore[arg-type]
-    )
-    report = encode(options, lambda *_: None, lambda: False)
-    assert any("no EGL here" in warning for warning in report.warnings)
+    stats = send(passed, path, cannot)
+    assert any("no EGL here" in warning for warning in stats.warnings)
+    model = packets_of(path)[0]
+    assert isinstance(model, ModelPacket) and not model.call.has_residual
     assert summarise(path).complete
