@@ -22,7 +22,7 @@ from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet
 from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
 
-FRAMES, PACKED = 60, 4
+FRAMES, PACKED = 44, 4
 
 
 def blue_face(clip: Path) -> Picture:
@@ -63,7 +63,7 @@ def call_of(
 def test_the_other_end_sees_another_face_from_one_press_to_the_next(
     talking_clip: Path, tmp_path: Path
 ) -> None:
-    on, off = 12, 34
+    on, off = 8, 22
     picture = blue_face(talking_clip)
     packets, redness = call_of(talking_clip, tmp_path, lambda done: on <= done < off, picture)
     assert redness[:on].min() > 5 and redness[-1] > 5

@@ -14,7 +14,7 @@ def test_a_call_over_a_serial_line_comes_whole(
     video = tmp_path / "out.mkv"
     with serial_line() as (here, there):
         decoder = start("decode", "--listen", f"serial/{there}", "-o", video)
-        encoder = start("encode", slow_clip, "--connect", f"serial/{here}")
+        encoder = start("encode", slow_clip, "--connect", f"serial/{here}", "--profile", "thesis")
         code, stderr = finish(encoder)
         assert code == 0, stderr
         assert "it stays on this serial line" in stderr

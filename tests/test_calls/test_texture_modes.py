@@ -23,13 +23,13 @@ from protocol.summary import summarise
 from shared_model.errors import UserError
 from shared_model.parameters import EAU_INDEX, EAUS, THESIS_EAUS
 
-FRAMES, FPS, MODES = 60, 25, 4
+FRAMES, FPS, MODES = 45, 25, 4
 LIGHT = """
 [[key]]
-time = 1.0
+time = 0.7
 light = { side = 0.0, brightness = 1.0 }
 [[key]]
-time = 1.8
+time = 1.3
 light = { side = 0.8, brightness = 0.8 }
 """
 
