@@ -26,6 +26,8 @@ from risorius.cli import main
 Capture = pytest.CaptureFixture[str]
 WAIT = ("--wait", str(LIMIT_S))
 THESIS = ("--profile", "thesis", *WAIT)
+# Without an end: few frames are to be encoded and decoded while processes start.
+PACED = (*THESIS, "--pace")
 NOBODY = "encode: nobody listens any more; sending on"
 
 
@@ -52,7 +54,7 @@ def going_on(
 ) -> tuple[subprocess.Popen[str], subprocess.Popen[str]]:
     """Decoder and encoder of a call of which some pictures are written."""
     decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
-    encoder = start("encode", clip.path, "--connect", endpoint, *THESIS, "-q")
+    encoder = start("encode", clip.path, "--connect", endpoint, *PACED, "-q")
     wait_for_pictures(video, decoder)
     return decoder, encoder
 
@@ -126,20 +128,19 @@ def test_a_call_goes_on_by_itself_after_its_encoder_is_killed_and_started_again(
     decoder, encoder = going_on(start, endless, endpoint, video)
     encoder.kill()
     encoder.wait()
-    again = start("encode", carphone, "--connect", endpoint, *THESIS, "-q", "--max-frames", "40")
+    again = start("encode", carphone, "--connect", endpoint, *THESIS, "-q", "--max-frames", "20")
     assert finish(again)[0] == 0
     code, stderr = finish(decoder)
     assert code == 0
     assert "the encoder has started again: 1 times" in stderr
-    assert count_pictures(video) > 40
+    assert count_pictures(video) > 20
 
 
 def test_a_decoder_whose_encoder_leaves_without_a_face_fails(
     start: Start, noise: Path, networks: Path, endpoint: str
 ) -> None:
     decoder = start("decode", "--listen", endpoint, "-q")
-    encoder = start("encode", noise, "--connect", endpoint, *WAIT, "-q")
-    assert finish(encoder)[0] == 3
+    assert main(["encode", str(noise), "--connect", endpoint, *THESIS, "-q"]) == 3
     code, stderr = finish(decoder)
     assert code == 4
     assert "its encoder left before it sent a face" in one_line(stderr)
@@ -148,7 +149,7 @@ def test_a_decoder_whose_encoder_leaves_without_a_face_fails(
 def test_an_encoder_whose_decoder_is_killed_sends_on_and_says_so(
     start: Start, endless: EndlessVideo, endpoint: str, video: Path
 ) -> None:
-    encoder = start("encode", endless.path, "--listen", endpoint, *THESIS)
+    encoder = start("encode", endless.path, "--listen", endpoint, *PACED)
     assert "not encrypted" in first_line(encoder)
     assert "listening on" in first_line(encoder)
     decoder = start("decode", "--connect", endpoint, "-o", video)
@@ -168,7 +169,7 @@ def test_a_call_goes_on_by_itself_after_its_relay_is_started_again(
 ) -> None:
     relay = start("relay", "--listen", endpoint)
     assert first_line(relay) == f"relay: listening on {endpoint}"
-    encoder = start("encode", endless.path, "--connect", endpoint, *THESIS, "-q")
+    encoder = start("encode", endless.path, "--connect", endpoint, *PACED, "-q")
     decoder = start("decode", "--connect", endpoint, "-o", video, "-q")
     wait_for_pictures(video, decoder)
     relay.terminate()
