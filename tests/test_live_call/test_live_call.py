@@ -38,7 +38,7 @@ from protocol.security.link_security import LinkSecurity
 from protocol.summary import summarise
 
 # No test is of a rate: few pictures leave the processor to the other tests.
-FPS, SECONDS = 10, 2.4
+FPS, SECONDS = 5, 2.4
 
 
 @dataclass(frozen=True, slots=True)
