@@ -67,7 +67,10 @@ def clip(talking_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module", params=[None, 200_000.0], ids=["whole", "in layers"])
 def sent(clip: Path, request: pytest.FixtureRequest) -> Sent:
-    return send(clip, request.param)
+    if request.param is None:
+        return send(clip)
+    with without_layers():
+        return send(clip, request.param)
 
 
 def send(clip: Path, startup_bitrate: float | None = None, frames: int | None = None) -> Sent:
