@@ -95,6 +95,7 @@ class SeenFrame:
     points: (468, 3) landmarks, pixels; None: no face was found.
     seen_s: when, by the call's clock.
     is_other: from this frame on it is the face of somebody else.
+    is_between: its landmarks are not looked for, see `encoder.calls.frame_between`.
     """
 
     index: int
@@ -102,6 +103,7 @@ class SeenFrame:
     points: Array | None
     seen_s: float
     is_other: bool = False
+    is_between: bool = False
 
 
 class FrameDelay:

@@ -6,11 +6,12 @@ model meanwhile stands in `model_lifecycle`.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from encoder.calls.call_events import CallEvents
 from encoder.calls.caller_search import CallerSearch
 from encoder.calls.face_search import warn_of_long_search
+from encoder.calls.frame_between import Between, FrameBetween
 from encoder.calls.frame_source import FrameDelay, SeenFrame
 from encoder.calls.model_lifecycle import ModelLifecycle
 from encoder.calls.model_states import ModelState
@@ -29,7 +30,10 @@ from encoder.learning.face_sample import FaceSample
 from encoder.live_model.learner import Learner
 from encoder.live_model.other_face import ShownFace
 from encoder.live_model.pacing import Pacing
+from encoder.live_model.work_level import WorkLevel
 from shared_model.arrays import Array, Picture
+from shared_model.geometry import interpolate
+from shared_model.parameters import FaceParameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +77,7 @@ class LiveEncoder:
         self._look_for_face_s, self._clock = settings.look_for_face_s, clock
         self._learner, self._pacing = learner, pacing
         self._overload = OverloadController(pacing.frame_limit_s(fps), pacing.max_lag_s)
+        self._alternates_landmarks = pacing.alternates_landmarks(coded_fps)
         self._frame_begin_s, self._seen_index = 0.0, 0
         self._delay = FrameDelay(pacing.delay_s, fps)
         self._first_index = 0  # of the call's source frames
@@ -89,7 +94,7 @@ class LiveEncoder:
             shown or ShownFace(),
             events,
         )
-        self._filler = PacketFiller(gop.frame_step)
+        self._between, self._filler = FrameBetween(), PacketFiller(gop.frame_step)
         self._held_frames = int(pacing.coding_delay_s * coded_fps)
         target = RateTarget(settings.bitrate, coded_fps, gop.frames_per_packet)
         self._rate = OnlineRateController(target)
@@ -108,9 +113,12 @@ class LiveEncoder:
         """See `CallSession`."""
         had_model, level = self._has_model, self._overload.level
         self._frame_begin_s = self._clock()
-        is_omitted = bool(picture.size) and self._is_omitted(index)
-        if not is_omitted:
+        is_between = bool(picture.size) and self._is_between(index, level)
+        is_omitted = is_between and level.halves_frames
+        if not is_between:
             self._see(index, picture, next_frame)
+        elif not is_omitted:
+            self._delay.add(SeenFrame(index, picture, None, self._frame_begin_s, is_between=True))
         for frame in self._delay.due(index):
             self._encode(frame)
         if not had_model:
@@ -125,6 +133,7 @@ class LiveEncoder:
         for frame in self._delay.rest(self._pacing.clock_to_wait_by(self._clock)):
             self._frame_begin_s = self._clock()
             self._encode(frame)
+        self._add_between(self._between.take_last())
         while len(self._filler):
             # By its last packet the call may reach a version whose modes are learned.
             self._send_packet()
@@ -144,14 +153,14 @@ class LiveEncoder:
 
     def _see(self, index: int, picture: Picture, next_frame: Picture | None) -> None:
         """Find the face in a frame, to learn from it before it is coded."""
-        self._seen_index = index
+        frames, self._seen_index = max(1, index - self._seen_index), index
         points, is_other = self._search.find(picture, next_frame)
         self._delay.add(SeenFrame(index, picture, points, self._frame_begin_s, is_other))
         if points is None:
             return
         if is_other and self._has_model:
             self._model.change_person()
-        self._model.add_frame(picture, points)
+        self._model.add_frame(picture, points, frames)
         if self._pacing.learns_ahead:
             # Updates are trained, and modes learned, while their frames wait.
             self._begin(index)
@@ -168,6 +177,11 @@ class LiveEncoder:
 
     def _encode(self, frame: SeenFrame) -> None:
         index, picture = frame.index, frame.picture
+        if frame.is_between:
+            if self._is_coded(index):
+                self._between.wait(index, picture)
+            self._refit_waiting()
+            return
         if not self._is_before_call(index):
             self._repeat_over_gap(index)
             self._packets.report_camera(bool(picture.size), index)
@@ -240,6 +254,7 @@ class LiveEncoder:
         sample = version.sample(picture, points, fits_layers, level)
         with self._stats.stage("fit"):
             face = version.fit(sample, self._filler.initial_face, level)
+        self._add_between(self._between.take(index, points), face)
         self._filler.fill_gap(index, self._most_frames - 1, face)
         self._filler.add(face, sample)
         if not self._pacing.learns_ahead:
@@ -248,12 +263,28 @@ class LiveEncoder:
             # A mode of half the resolution would blur the face.
             crop = None if level.halves_resolution else sample.crop
             self._learn(index, lambda: version.mode_sample(picture, points, face, crop), may_start)
+        self._refit_waiting()
+        self._send_full_packet()
+
+    def _add_between(self, between: Between | None, after: FaceParameters | None = None) -> None:
+        """Fit and add the face in a frame, if there is one; `after`: in the frame after it."""
+        before = self._filler.initial_face
+        if between is None or before is None or not self._filler.is_coded(between.index):
+            return
+        version = self._model.version
+        sample = version.sample(between.picture, between.points, with_layers=False)
+        with self._stats.stage("fit"):
+            face = before if after is None else interpolate(before, after, between.share)
+            start = replace(face, layers=before.layers)
+            self._filler.add(version.refit(sample, start), sample)
+
+    def _refit_waiting(self) -> None:
+        """Fit frames that wait again with the newest modes, as long as there is time."""
         version = self._model.version
         refit = self._pacing.refit(version.refit, version.refit_modes)
         with self._stats.stage("fit"):
             while self._may_refit and self._filler.refit_newest(refit):
                 pass
-        self._send_full_packet()
 
     def _send_full_packet(self) -> None:
         if self._is_packet_full:
@@ -272,11 +303,16 @@ class LiveEncoder:
         if self._model.on_packet_sent(self._position):
             self._filler.reset_coefficients(self._model.version.rest())
 
-    def _is_omitted(self, index: int) -> bool:
-        """Whether source frame `index` is not looked at, for haste, though the one before was."""
+    def _is_between(self, index: int, level: WorkLevel) -> bool:
+        """Whether landmarks are not looked for in source frame `index`, though in the one before.
+
+        They are in the last frame of each packet: what is left out lies between two frames of one
+        packet, or follows upon the last of the packet before.
+        """
         if not self._has_model or index - self._seen_index > self._gop.frame_step:
             return False
-        return self._overload.level.omits(self._position.frames_to_last(index, self._gop))
+        is_halved = self._alternates_landmarks or level.halves_frames
+        return is_halved and self._position.frames_to_last(index, self._gop) % 2 == 1
 
     def _is_coded(self, index: int) -> bool:
         ahead = index - self._filler.next_index

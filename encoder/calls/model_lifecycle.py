@@ -63,6 +63,7 @@ class ModelLifecycle:
         self._learner, self._pacing, self._events = learner, pacing, events
         fps = float(capture.fps)
         self._frames = TrainingFrames(pacing.training_frames)
+        self._faces = 0  # source frames of the person's face
         self._schedule = ModelSchedule(fps, pacing.updates)
         self._modes = ModeScheduler(
             fps,
@@ -107,12 +108,17 @@ class ModelLifecycle:
     def change_person(self) -> None:
         """From the next frame on somebody else is in the picture."""
         self._frames.forget()
+        self._faces = 0
         self._schedule = ModelSchedule(float(self._capture.fps), self._pacing.updates)
         self._awaits_newcomer = True
 
-    def add_frame(self, picture: Picture, points: Array) -> None:
-        """Take a frame (h, w, 3) BGR with its landmarks (468, 3), pixels, to train from."""
+    def add_frame(self, picture: Picture, points: Array, frames: int = 1) -> None:
+        """Take a frame (h, w, 3) BGR with its landmarks (468, 3), pixels, to train from.
+
+        frames: that it counts for: those before it that were not looked at, and itself.
+        """
         self._frames.offer(picture, points)
+        self._faces += frames
 
     def start(self, index: int) -> None:
         """Train the first version from the frames so far, and send it; used from `index` on."""
@@ -121,7 +127,7 @@ class ModelLifecycle:
         first = pictures[0], points[0], video, self._gop, self._budget
         trainer = trainer_from(*first, progressive, self._pacing, self._learner.encode_background)
         # In real time, and on a thin link, an update brings what takes long.
-        seen = 0 if self._pacing.in_real_time or progressive else self._frames.offered
+        seen = 0 if self._pacing.in_real_time or progressive else self._faces
         share = self._schedule.first_share(seen)
         self._version = version = trainer.bootstrap(pictures, points, index, share)
         self._updates.send_first(self._shown.begin(version, index))
@@ -170,7 +176,7 @@ class ModelLifecycle:
             self._follow_person(position)
             return
         is_back = self._shown.coding_version is not None
-        is_due = is_back or self._schedule.is_update_due(self._frames.offered)
+        is_due = is_back or self._schedule.is_update_due(self._faces)
         if is_due and self._states.may(ModelEvent.UPDATE_DUE):
             self._training = self._train_update()
             self._states.on(ModelEvent.UPDATE_DUE)
@@ -249,7 +255,7 @@ class ModelLifecycle:
     def _train_update(self) -> "Future[ModelVersion]":
         share = self._schedule.take_update()
         # While layers were sent more than one may have become due.
-        while self._updates.progressive and self._schedule.is_update_due(self._frames.offered):
+        while self._updates.progressive and self._schedule.is_update_due(self._faces):
             share = self._schedule.take_update()
         task = TrainingTask(share, *self._frames.sample(), self._shown.next_number)
         with self._stats.stage("train"):
@@ -278,7 +284,7 @@ class ModelLifecycle:
     def _is_update_waiting(self) -> bool:
         if self._training is not None:
             return self._training.done()
-        is_due = self._schedule.is_update_due(self._frames.offered)
+        is_due = self._schedule.is_update_due(self._faces)
         return self._updates.progressive and is_due
 
     @property
@@ -287,4 +293,4 @@ class ModelLifecycle:
         if self._states.state in (ModelState.TRAINING, ModelState.ANNOUNCED):
             # The version in use is about to be replaced.
             return 0
-        return self._schedule.modes_to_reserve(self._frames.offered)
+        return self._schedule.modes_to_reserve(self._faces)

@@ -21,9 +21,8 @@ LATE_S = 1.0
 
 # What a report says is done at a level, besides what is done at those before.
 LEVEL_DESCRIPTIONS = {
-    WorkLevel.NO_IMAGE_FIT: "fitted by texels only",
-    WorkLevel.ONE_ITERATION: "in one iteration",
     WorkLevel.HALF_THE_FRAMES: "every second one skipped",
+    WorkLevel.NO_IMAGE_FIT: "fitted by texels only",
     WorkLevel.HALF_RESOLUTION: "at half the resolution",
 }
 

@@ -13,7 +13,7 @@ MODE_SPENDING_EXPONENT = 0.5
 
 
 class ModelSchedule:
-    """When updates are due, counted in frames with a face.
+    """When updates are due, counted in source frames with a face.
 
     fps: frames per second of the source.
     updates: seconds of the person's face after which the model is trained again, and the share of

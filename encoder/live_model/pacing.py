@@ -19,14 +19,16 @@ LAYER_UPDATES = frozenset({0, 1, 2, 4, 6, 8})
 CODING_DELAY_S = 0.08
 # The lag behind a camera grows no larger: it drops the frames that are not fetched.
 MAX_CAMERA_LAG_S = 0.3
+# Of fewer coded frames a second, landmarks are found in each.
+MIN_ALTERNATING_FPS = 20.0
 
 
 @dataclass(frozen=True, slots=True)
 class Pacing:
     """How a live call divides its time.
 
-    in_real_time: frames do not wait for the learner, and a call that falls behind its source leaves
-        work out, see `encoder.calls.overload`.
+    in_real_time: frames do not wait for the learner, landmarks are found in every second frame, and
+        a call that falls behind its source leaves work out, see `encoder.calls.overload`.
     max_lag_s: behind the source.
     delay_s: frames wait so long, in the source's time, after they have been seen: models are
         trained from those after them, too.
@@ -63,6 +65,10 @@ class Pacing:
     def frame_limit_s(self, fps: float) -> float:
         """How long a frame may take; infinite: any time."""
         return 1 / fps if self.in_real_time else inf
+
+    def alternates_landmarks(self, coded_fps: float) -> bool:
+        """Whether the landmarks of every second coded frame are not looked for."""
+        return self.in_real_time and coded_fps >= MIN_ALTERNATING_FPS
 
     def may_start_learning(self, is_packet_full: bool) -> bool:
         """Whether modes may begin to be learned: at any frame, or once a packet."""

@@ -19,11 +19,6 @@ class TrainingFrames:
         self._sampler = UniformSubsampler[tuple[Picture, Array]](self._least)
         self._count = 0
 
-    @property
-    def offered(self) -> int:
-        """Number of frames with a face so far."""
-        return self._count
-
     def offer(self, picture: Picture, points: Array) -> None:
         """Take or leave a frame with its landmarks (468, 3), pixels."""
         self._sampler.offer(self._count, lambda: (picture.copy(), points))

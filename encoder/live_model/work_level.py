@@ -1,16 +1,14 @@
 """What a live call leaves out where time is short, in this order.
 
-| level | leaves out, besides all above | ms of a frame |
-| --- | --- | --- |
-| FULL | nothing | 16.5 |
-| NO_IMAGE_FIT | fits to rendered pixels and of layers; frames are not fitted again | 13.9 |
-| ONE_ITERATION | all but one iteration of the texel fit | 13.2 |
-| HALF_THE_FRAMES | every second frame: it gets a face between those of its neighbours | 7.4 |
-| HALF_RESOLUTION | half the rows and columns of the face's picture and of its texels | 6.8 |
+| level | leaves out, besides all above |
+| --- | --- |
+| FULL | nothing |
+| HALF_THE_FRAMES | every second frame: it gets a face between those of its neighbours |
+| NO_IMAGE_FIT | fits to rendered pixels and of layers; frames are not fitted again |
+| HALF_RESOLUTION | half the rows and columns of the face's picture and of its texels, and all but
+one iteration of the fit to them |
 
-Times are of the mean source frame of a paced call of 640x480 pixels, networks and the learning
-process beside it included (docs/measurements.md).  `encoder.calls.overload` chooses the
-level.
+`encoder.calls.overload` chooses the level.
 """
 
 from enum import IntEnum
@@ -22,10 +20,9 @@ class WorkLevel(IntEnum):
     """How much a call leaves out, see the table above."""
 
     FULL = 0
-    NO_IMAGE_FIT = 1
-    ONE_ITERATION = 2
-    HALF_THE_FRAMES = 3
-    HALF_RESOLUTION = 4
+    HALF_THE_FRAMES = 1
+    NO_IMAGE_FIT = 2
+    HALF_RESOLUTION = 3
 
     @property
     def fits_image(self) -> bool:
@@ -35,7 +32,7 @@ class WorkLevel(IntEnum):
     @property
     def texel_iterations(self) -> int:
         """Iterations of the texel fit, at most."""
-        return FRAME_FIT_ITERATIONS if self < WorkLevel.ONE_ITERATION else 1
+        return 1 if self.halves_resolution else FRAME_FIT_ITERATIONS
 
     @property
     def halves_resolution(self) -> bool:
@@ -43,14 +40,11 @@ class WorkLevel(IntEnum):
         return self >= WorkLevel.HALF_RESOLUTION
 
     @property
+    def halves_frames(self) -> bool:
+        """Whether every second frame is not looked at."""
+        return self >= WorkLevel.HALF_THE_FRAMES
+
+    @property
     def label(self) -> str:
         """Its name in a report."""
         return self.name.lower()
-
-    def omits(self, frames_to_last: int) -> bool:
-        """Whether a frame is left out, so many coded frames before the last of its packet.
-
-        That one never is: what is left out lies between two frames of one packet, or follows upon
-        the last of the packet before.
-        """
-        return self >= WorkLevel.HALF_THE_FRAMES and frames_to_last % 2 == 1

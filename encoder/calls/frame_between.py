@@ -1,0 +1,53 @@
+"""A frame of a live call whose landmarks are not looked for: it is fitted once its neighbours are.
+
+Networks and landmark fit take half of a frame's time.  Between two frames a face hardly leaves the
+way from one to the other: it begins there, and is fitted to its own pixels.
+"""
+
+from dataclasses import dataclass
+
+from shared_model.arrays import Array, Picture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Between:
+    """A source frame between two whose landmarks are known.
+
+    picture: (h, w, 3) BGR.  share: of the way from the one to the other, in time.
+    points: (468, 3) landmarks in this share of the way, pixels.
+    """
+
+    index: int
+    picture: Picture
+    share: float
+    points: Array
+
+
+class FrameBetween:
+    """Holds a frame until the one after it is fitted."""
+
+    def __init__(self) -> None:
+        self._waiting: tuple[int, Picture] | None = None
+        self._before: tuple[int, Array] | None = None
+
+    def wait(self, index: int, picture: Picture) -> None:
+        """Hold source frame `index`."""
+        self._waiting = index, picture
+
+    def take(self, index: int, points: Array) -> Between | None:
+        """The frame that waits, now that the landmarks (468, 3) of source frame `index` are known.
+
+        None: none waits, or it did not come next after one whose landmarks are known.
+        """
+        waiting, before = self._waiting, self._before
+        self._waiting, self._before = None, (index, points)
+        if waiting is None or before is None or not before[0] < waiting[0] < index:
+            return None
+        share = (waiting[0] - before[0]) / (index - before[0])
+        return Between(*waiting, share, before[1] + share * (points - before[1]))
+
+    def take_last(self) -> Between | None:
+        """The frame that waits at the end of a call, where the one before it is."""
+        if self._waiting is None or self._before is None or self._waiting[0] < self._before[0]:
+            return None
+        return Between(*self._waiting, 0.0, self._before[1])
