@@ -24,13 +24,13 @@ from protocol.packets import ControlPacket, FramePacket
 from protocol.summary import summarise
 from shared_model.parameters import EAU_INDEX
 
-FRAMES, START, LOST = 52, 1, range(20, 33)
+FRAMES, START, LOST = 44, 1, range(20, 30)
 MODEL_BYTES, BITRATE = 4000, 1500.0
 SCRIPT = """
 width = 160
 height = 120
 fps = 25
-seconds = 2.08
+seconds = 1.76
 distance_mm = 420
 noise = 1
 [[key]]
@@ -42,7 +42,7 @@ time = 0.6
 pose = { yaw = 6 }
 eau = { jaw_drop = 0.6 }
 [[key]]
-time = 2.08
+time = 1.76
 pose = { yaw = -4 }
 eau = { jaw_drop = 0.1 }
 """

@@ -52,18 +52,16 @@ def window_rates(packets: list[CodedPacket], frames: int) -> list[float]:
     return rates
 
 
-@pytest.mark.parametrize("bitrate", [600.0, 1200.0])
-def test_no_window_takes_more_than_the_rate_and_the_busiest_use_it(bitrate: float) -> None:
-    values = busy_values(18)
+def test_no_window_takes_more_than_the_rate_and_the_busiest_use_it() -> None:
+    values, bitrate = busy_values(12), 600.0
     rates = window_rates(code(values, bitrate), len(values))
     assert max(rates) <= bitrate
     # A packet more would not fit: the busy third is held within three hundredths.
     assert max(rates) >= 0.97 * bitrate
 
 
-@pytest.mark.parametrize("bitrate", [500.0, 1000.0])
-def test_a_steady_call_uses_its_rate(bitrate: float) -> None:
-    values = busy_values(30)[: int(10 * FPS)]
+def test_a_steady_call_uses_its_rate() -> None:
+    values, bitrate = busy_values(30)[: int(10 * FPS)], 1000.0
     packets = code(values, bitrate)
     rate = sum(map(packet_bits, packets)) / (len(values) / FPS)
     assert 0.97 * bitrate <= rate <= bitrate
@@ -81,7 +79,7 @@ def test_more_bits_bring_the_decoded_values_nearer() -> None:
 
 
 def test_a_decoder_has_the_encoders_frames_throughout_a_call() -> None:
-    values = busy_values(12)
+    values = busy_values(6)
     scale_codes = estimate_scales(values, NOMINAL)
     receiver = FramePredictor(scale_codes)
     for number, packet in enumerate(code_call(values, scale_codes, RateTarget(800, FPS, NOMINAL))):
@@ -106,7 +104,7 @@ def test_a_rate_that_is_too_low_gets_the_coarsest_quality() -> None:
 
 @pytest.mark.parametrize("live", [False, True])
 def test_a_rate_that_is_too_low_is_reported_with_the_rate_it_takes(live: bool) -> None:
-    values = busy_values(12)
+    values = busy_values(6)
     scale_codes = estimate_scales(values, NOMINAL)
 
     def packets_and_message(bitrate: float) -> tuple[list[CodedPacket], str | None]:
@@ -210,7 +208,7 @@ def test_the_first_packet_may_take_the_budget_of_a_whole_window() -> None:
     assert 8 * sum(sizes) <= 800 * WINDOW_S and sizes == sorted(sizes, reverse=True)
 
 
-@pytest.mark.parametrize("seconds", [3, 48])
+@pytest.mark.parametrize("seconds", [3, 24])
 def test_a_live_call_uses_its_rate_from_the_start_and_keeps_it(seconds: int) -> None:
     rng = np.random.default_rng(5)
     values = np.cumsum(rng.normal(size=(25 * seconds + 1, 6)), axis=0) * 3
