@@ -1,10 +1,11 @@
 """A learner that takes its time beside a call in real time, by a clock that stands still."""
 
 from concurrent.futures import Future
+from itertools import islice
 from pathlib import Path
 
 from call_contents import packets_of, played
-from conftest import LIVE_MODEL_BYTES
+from conftest import LIVE_MODEL_BYTES, without_layers
 from live_encoders import live_encoder
 
 from encoder.calls.session_stats import SessionStats
@@ -15,8 +16,8 @@ from encoder.live_model.pacing import REAL_TIME
 from protocol.call_file import CallWriter
 from protocol.model_packet import ModelPacket
 
-# Frames that an update takes to be trained.
-LATE = 12
+# Of the call; those that an update takes to be trained.
+FRAMES, LATE = 75, 12
 
 
 class LateLearner(LocalLearner):
@@ -50,11 +51,11 @@ def test_an_update_is_used_as_soon_as_it_may_be_and_no_frame_waits_for_it(
     carphone: Path, networks: Path, tmp_path: Path
 ) -> None:
     path, learner, stats = tmp_path / "call.rzo", LateLearner(), SessionStats()
-    with open_source(str(carphone)) as capture, CallWriter(path) as sink:
+    with open_source(str(carphone)) as capture, CallWriter(path) as sink, without_layers():
         session = live_encoder(
             capture, sink, stats, LIVE_MODEL_BYTES, realtime=True, learner=learner
         )
-        for index, picture in capture:
+        for index, picture in islice(capture, FRAMES):
             learner.advance(index)
             session.frame(index, picture)
         frames, fps = index + 1, float(capture.fps)

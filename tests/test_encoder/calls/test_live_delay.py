@@ -21,7 +21,7 @@ from protocol.packets import ControlKind, ControlPacket, FramePacket, LayerPacke
 from protocol.pictures.layered_background import is_layered
 from risorius.cli import main
 
-FPS, FRAMES = 25, 40
+FPS, FRAMES = 25, 34
 
 
 def encode_with_delay(clip: Path, output: Path, delay_s: float, frames: int) -> list[Packet]:
