@@ -49,15 +49,17 @@ class Checks:
 
     def _in_front(self, vertices: Array, points: Indices, triangles: VertexIndices) -> float:
         """How far any of the points is in front of the triangles that cover it along z."""
-        corners = vertices[triangles]
-        worst = -np.inf
-        for point in vertices[points]:
-            weights = _frontal_weights(point, corners)
-            over = (weights > 0).all(1)
-            if over.any():
-                skin = (weights[over] * corners[over, :, 2]).sum(1).max()
-                worst = max(worst, float(point[2] - skin))
-        return worst
+        found, corners = vertices[points], vertices[triangles]
+        low, high = corners[..., :2].min(1), corners[..., :2].max(1)
+        at = found[:, None, :2]
+        point, triangle = np.nonzero(((low < at) & (at < high)).all(2))
+        weights = _frontal_weights(found[point], corners[triangle])
+        over = (weights > 0).all(1)
+        skin = np.full(len(points), -np.inf)
+        height = (weights * corners[triangle, :, 2]).sum(1)
+        np.maximum.at(skin, point[over], height[over])
+        is_covered = np.isfinite(skin)
+        return float((found[is_covered, 2] - skin[is_covered]).max(initial=-np.inf))
 
     def flipped_share(self, vertices: Array) -> float:
         """Share of the face's area whose triangles have turned by more than 90 degrees."""
@@ -107,12 +109,12 @@ def _normals(vertices: Array, triangles: VertexIndices) -> Array:
     return np.asarray(np.cross(b - a, c - a))
 
 
-def _frontal_weights(point: Array, corners: Array) -> Array:
-    """(m, 3) barycentric weights of a point in triangles (m, 3, 3), seen along z."""
+def _frontal_weights(points: Array, corners: Array) -> Array:
+    """(m, 3) barycentric weights of points (m, 3) in triangles (m, 3, 3), seen along z."""
     a, b, c = (corners[:, i, :2] for i in range(3))
     whole = _cross(b - a, c - a)
     whole = np.where(np.abs(whole) < 1e-9, np.inf, whole)
-    p = point[:2]
+    p = points[:, :2]
     return (
         np.stack([_cross(b - p, c - p), _cross(c - p, a - p), _cross(a - p, b - p)], 1)
         / whole[:, None]

@@ -223,7 +223,7 @@ def test_a_clip_that_fails_does_not_cost_the_others(
 
 
 def test_an_interrupted_bench_keeps_the_clips_that_were_finished(
-    carphone: Path, tmp_path: Path, start: Start
+    without_judge: None, carphone: Path, tmp_path: Path, start: Start
 ) -> None:
     options = ["--profile", "thesis", "--max-frames", "9", "--out", tmp_path]
     bench = start("bench", carphone, carphone, *options)

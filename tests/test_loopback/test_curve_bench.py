@@ -64,21 +64,22 @@ def test_what_is_measured_is_not_measured_again(carphone: Path, folder: Path) ->
     assert list(clips[carphone.stem]) == ["risorius"] and len(clips[carphone.stem]["risorius"]) == 1
 
 
-def test_a_pool_measures_the_same(carphone: Path, folder: Path, tmp_path: Path) -> None:
+def test_a_pool_measures_the_same(carphone: Path, tmp_path: Path) -> None:
     """Two processes, and a folder of clips of which one fails."""
     clips = tmp_path / "clips"
     clips.mkdir()
     (clips / "a.mp4").write_bytes(carphone.read_bytes())
     (clips / "b.mp4").write_bytes(b"no video")
     (clips / "notes.txt").write_text("no clip")
-    options = ["--against", "x264", "--sweep", "300", "--max-frames", "8", "--jobs", "2"]
+    options = ["--against", "x264", "--sweep", "300", "--max-frames", "8", "--live"]
     out = tmp_path / "out"
-    assert main(["bench", str(clips), *options, "--out", str(out)]) == 2
+    options += ["--jobs", "2", "--out", str(out)]
+    assert main(["bench", str(clips), *options]) == 2
     (clips / "b.mp4").unlink()
-    assert main(["bench", str(clips), *options, "--out", str(out)]) == 0
+    assert main(["bench", str(clips), *options]) == 0
     alone, _, _ = bench_curves(
         [str(clips / "a.mp4")],
-        CurveSettings((Rung(300),), ("x264",), max_frames=8),
+        CurveSettings((Rung(300),), ("x264",), is_live=True, max_frames=8),
         tmp_path / "alone",
         lambda line: None,
     )
@@ -91,7 +92,9 @@ def test_a_pool_measures_the_same(carphone: Path, folder: Path, tmp_path: Path) 
         psnr = [point.figures["full_psnr_db"] for point in points]
         measured_psnr = [p["figures"]["full_psnr_db"] for p in measured]
         assert measured_psnr == pytest.approx(psnr, rel=tolerance)
-    assert (out / "a-300.rzo").read_bytes() == (tmp_path / "alone" / "a-300.rzo").read_bytes()
+    assert (out / "a-live-300.rzo").read_bytes() == (
+        tmp_path / "alone" / "a-live-300.rzo"
+    ).read_bytes()
 
 
 def test_a_cluster_measures_a_clip(folder: Path, carphone: Path) -> None:
@@ -107,8 +110,11 @@ def test_a_cluster_measures_a_clip(folder: Path, carphone: Path) -> None:
     assert not failures and len(clips[carphone.stem]["risorius"]) == 2
 
 
-def test_a_cluster_that_does_not_answer_is_the_users_mistake() -> None:
+def test_a_cluster_that_does_not_answer_is_the_users_mistake(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     pytest.importorskip("distributed", reason="needs dask: pip install '.[cluster]'")
+    monkeypatch.setattr("loopback.curves.curve_bench.CONNECT_S", 0.3)
     with pytest.raises(UserError, match="no scheduler"), open_pool(1, "tcp://127.0.0.1:1"):
         pass
 
