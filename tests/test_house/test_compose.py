@@ -87,7 +87,7 @@ def test_the_services_commands_make_a_call(
     prefix: str, services: dict[str, Any], carphone: Path, start: Start, tmp_path: Path
 ) -> None:
     clip, port = tmp_path / "clip.mkv", free_port()
-    copy_frames(carphone, clip, 10)
+    copy_frames(carphone, clip, 5)
     places = {
         "0.0.0.0:7447": f"127.0.0.1:{port}",
         f"{prefix}router:7447": f"127.0.0.1:{port}",

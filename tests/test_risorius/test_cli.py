@@ -274,7 +274,7 @@ def test_an_empty_standard_input_is_said(tmp_path: Path) -> None:
 
 def test_a_call_of_standard_input_is_that_of_the_file(carphone: Path, tmp_path: Path) -> None:
     piped, own = tmp_path / "piped.rzo", tmp_path / "file.rzo"
-    options = ["--max-frames", "10", "-q"]
+    options = ["--max-frames", "5", "--model-bytes", "2000", "-q"]
     with carphone.open("rb") as file:
         line = [*PROGRAM, "encode", "-", "-o", str(piped), *options]
         subprocess.run(line, stdin=file, check=True)

@@ -35,7 +35,7 @@ def test_the_demo_leaves_a_call_videos_and_a_contact_sheet(demo_run: Path) -> No
 
 
 def test_without_the_landmark_networks_the_demo_is_of_the_thesis_profile(
-    carphone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    without_judge: None, carphone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def missing(name: str) -> None:
         """No package of networks."""

@@ -72,12 +72,14 @@ def test_link_of_your_own(clip: Path) -> None:
         assert example("link_of_your_own").main(str(clip), 12) == 12
 
 
-def test_bench_of_a_folder(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bench_of_a_folder(
+    without_judge: None, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "clips"
     folder.mkdir()
     (folder / "me.avi").write_bytes(clip.read_bytes())
     with without_layers():
-        example("bench_of_a_folder").main(str(folder), str(tmp_path / "out"), 12)
+        example("bench_of_a_folder").main(str(folder), str(tmp_path / "out"), 6)
     printed = capsys.readouterr().out
     assert "me: risorius, 300 bit/s" in printed and "me: x264, crf 51" in printed
 
