@@ -39,14 +39,13 @@ SOUND_HZ = 8000
 # Names of calls, and the options by which the drawn face becomes them.
 ENCODED: dict[str, Options] = {
     "live in packets of four": {"live": True, "low_delay": True},
-    "every other picture": {"fps": 2.0},
     "picture residual": {"bitrate": 6000.0, "model_bytes": 4000, "draw": draw_call},
     "thesis": {"profile": "thesis"},
 }
 # Those of a face that speaks, and of other pictures of it.
 SPEAKING: dict[str, Options] = {
     "voice of 700": {"voice": "700C", "live": True},
-    "voice of 1200": {"voice": "1200"},
+    "voice of 1200": {"voice": "1200", "profile": "thesis"},
     "voice of opus": {"voice": "opus", "profile": "thesis"},
 }
 
@@ -58,9 +57,9 @@ def encoded(source: Path, path: Path, options: Options) -> None:
 
 
 def with_one_picture(source: Path, path: Path) -> None:
-    """A call without layers."""
+    """A call without layers, of every other picture."""
     with without_layers():
-        encoded(source, path, {})
+        encoded(source, path, {"fps": 2.0})
 
 
 def speaking(source: Path, path: Path, options: Options) -> None:
@@ -71,7 +70,8 @@ def speaking(source: Path, path: Path, options: Options) -> None:
         for picture in pictures:
             sink.write(picture)
         sink.write_sound(voiced_sound(SOUND_HZ * len(pictures) // FPS))
-    encoded(film, path, options)
+    with without_layers():
+        encoded(film, path, options)
 
 
 def of_wide_pixels(source: Path, path: Path) -> None:
@@ -101,9 +101,9 @@ def found_again(source: Path, path: Path) -> None:
     """A face that is not there for two seconds."""
     pictures = read_frames(source)
     wall = [np.full_like(pictures[0], 90)] * 2 * FPS
-    _filmed(
-        [*pictures, *wall, *pictures], path, Fraction(FPS), "bt601", Fraction(1), {"live": True}
-    )
+    film = [*pictures, *wall, *pictures]
+    with without_layers():
+        _filmed(film, path, Fraction(FPS), "bt601", Fraction(1), {"live": True})
 
 
 def with_late_layers(source: Path, path: Path) -> None:
@@ -136,7 +136,7 @@ def _filmed(
 
 # Calls of which each is encoded in its own way.
 MADE: dict[str, Callable[[Path, Path], None]] = {
-    "one picture": with_one_picture,
+    "one picture, every other frame": with_one_picture,
     "wide pixels": of_wide_pixels,
     "upright": upright,
     "uneven times": uneven,

@@ -57,10 +57,9 @@ def test_small_calls_of_all_kinds(name: str, small_call: SmallCall) -> None:
     check_same(path, played)
 
 
-@pytest.mark.parametrize(("clip", "is_live"), [("akiyo.mp4", False), ("grimace.mp4", True)])
-def test_real_clips(clip: str, is_live: bool, clips: Path, tmp_path: Path) -> None:
+def test_a_real_clip(clips: Path, tmp_path: Path) -> None:
     path = tmp_path / "call.rzo"
-    encoded(clips / clip, path, {"live": is_live, "max_frames": 25})
+    encoded(clips / "akiyo.mp4", path, {"max_frames": 17})
     check_same(path, played_file(path))
 
 
