@@ -30,11 +30,6 @@ from shared_model.parameters import EAU_INDEX
 FRAMES, FPS = 75, 25
 
 
-def encode_live(clip: Path, output: Path, pace: bool = False) -> None:
-    options = EncodeOptions(str(clip), output, live=True, pace=pace, model_bytes=LIVE_MODEL_BYTES)
-    encode(options, lambda done, total: None, lambda: False)
-
-
 def test_an_update_is_announced_ahead_of_its_first_packet(live_call: Path) -> None:
     packets = packets_of(live_call)
     models = [(i, p) for i, p in enumerate(packets) if isinstance(p, ModelPacket)]
@@ -62,9 +57,11 @@ def test_an_update_is_announced_ahead_of_its_first_packet(live_call: Path) -> No
 def test_the_single_first_frame_of_an_update_is_counted(networks: Path, tmp_path: Path) -> None:
     """At so few frames a second the next is due before the one before holds."""
     draw(tmp_path / "slow.mkv", talking(7, fps=6))
+    clip, path = tmp_path / "slow.mkv", tmp_path / "slow.rzo"
+    options = EncodeOptions(str(clip), path, live=True, model_bytes=LIVE_MODEL_BYTES)
     with without_layers():
-        encode_live(tmp_path / "slow.mkv", tmp_path / "slow.rzo")
-    packets = packets_of(tmp_path / "slow.rzo")
+        encode(options, lambda done, total: None, lambda: False)
+    packets = packets_of(path)
     models = [packet for packet in packets if isinstance(packet, ModelPacket)]
     assert len(models) == 3
     for before, after in pairwise(models):
@@ -107,11 +104,6 @@ def test_a_live_call_is_drawn_with_the_model_of_each_frame(
     assert min(drawn[26:34]) < 0.25 * max(seen)
 
 
-def test_training_in_the_background_loses_no_frame(talking_clip: Path, tmp_path: Path) -> None:
-    encode_live(talking_clip, tmp_path / "paced.rzo", pace=True)
-    assert [frame.index for frame in played(tmp_path / "paced.rzo")] == list(range(FRAMES))
-
-
 def test_a_camera_may_leave_frames_out_and_be_switched_off(
     talking_clip: Path, tmp_path: Path
 ) -> None:
@@ -124,7 +116,7 @@ def test_a_camera_may_leave_frames_out_and_be_switched_off(
     capture = LiveCapture("camera", mailbox, Fraction(FPS))
     stats = SessionStats()
     with CallWriter(path) as sink, without_layers():
-        session = live_encoder(capture, sink, stats, None, realtime=False)
+        session = live_encoder(capture, sink, stats, LIVE_MODEL_BYTES, realtime=False)
         for index in range(end):
             if index < off and index in pictures:
                 session.frame(index, pictures[index])

@@ -5,6 +5,7 @@ import signal
 import socket
 import threading
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
 from typing import cast
@@ -12,7 +13,6 @@ from typing import cast
 import numpy as np
 import pytest
 from processes import LIMIT_S
-from shots import draw, talking
 
 from encoder.capture.video_source import open_source
 from encoder.coding.background import BackgroundImage
@@ -29,11 +29,10 @@ from shared_model.geometry import Camera
 from shared_model.surround import head_with_surround
 
 
-def test_what_another_process_learns_is_what_this_one_learns(tmp_path: Path) -> None:
-    draw(tmp_path / "clip.mkv", talking(2.96))
+def test_what_another_process_learns_is_what_this_one_learns(talking_clip: Path) -> None:
     head, failures = head_with_surround(), list[str]()
-    with open_source(str(tmp_path / "clip.mkv")) as capture:
-        pictures = [picture for _, picture in capture][:4]
+    with open_source(str(talking_clip)) as capture:
+        pictures = [picture for _, picture in islice(capture, 4)]
         size = capture.width, capture.height
         points = frontal_landmarks(head, Camera(*size, max(size)))
         trainer = ModelTrainer(
@@ -78,10 +77,9 @@ def test_a_learning_process_that_dies_is_told_once_and_harms_nothing() -> None:
         process.close()
 
 
-def test_a_call_begins_without_the_learning_process(tmp_path: Path) -> None:
-    draw(tmp_path / "clip.mkv", talking(2.96))
+def test_a_call_begins_without_the_learning_process(talking_clip: Path) -> None:
     lines = SimpleQueue[str]()
-    with open_source(str(tmp_path / "clip.mkv")) as capture:
+    with open_source(str(talking_clip)) as capture:
         picture = next(iter(capture))[1]
         process, image = LearningProcess(lines.put), BackgroundImage(picture)
         try:

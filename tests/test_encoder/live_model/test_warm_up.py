@@ -1,10 +1,14 @@
 """After a warm-up nothing is left to be compiled or loaded when frames come."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
+from call_contents import played
 from late_loops import late_loops
-from shots import draw, talking
 
+# A live call needs the time to learn an update.
+FRAMES = 60
 LIVE = """
 from encoder.live_model import learning_process
 from encoder.options import EncodeOptions
@@ -14,13 +18,29 @@ def warm_up_and_count(*arguments):
     warm_up(*arguments)
     warmed_up.append(versions())
 learning_process.warm_up = warm_up_and_count
-options = EncodeOptions(str(source), output, profile="default", live=True, pace=True)
+options = EncodeOptions(str(source), output, live=True, pace=True, max_frames={frames})
 encode(options, lambda done, total: None, lambda: False)
 (before,) = warmed_up
 """
 
 
-def test_a_live_call_compiles_nothing_once_it_has_begun(networks: Path, tmp_path: Path) -> None:
-    # A live call needs the time to learn an update.
-    draw(tmp_path / "clip.mkv", talking(2))
-    assert late_loops(LIVE, tmp_path / "clip.mkv", tmp_path / "call.rzo") == []
+@dataclass(frozen=True, slots=True)
+class Paced:
+    """A live call at the source's rate, and what it has compiled after it began."""
+
+    call: Path
+    late: list[str]
+
+
+@pytest.fixture(scope="module")
+def paced(talking_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Paced:
+    call = tmp_path_factory.mktemp("paced") / "call.rzo"
+    return Paced(call, late_loops(LIVE.format(frames=FRAMES), talking_clip, call))
+
+
+def test_a_live_call_compiles_nothing_once_it_has_begun(paced: Paced) -> None:
+    assert paced.late == []
+
+
+def test_training_in_the_background_loses_no_frame(paced: Paced) -> None:
+    assert [frame.index for frame in played(paced.call)] == list(range(FRAMES))
