@@ -24,7 +24,7 @@ pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 @pytest.fixture(scope="module")
 def clip(networks: Path, make_once: MakeOnce) -> Path:
     return (
-        make_once("talks", lambda folder: draw(folder / "clip.mkv", talking(2.4, 10))) / "clip.mkv"
+        make_once("talks", lambda folder: draw(folder / "clip.mkv", talking(2.4, 5))) / "clip.mkv"
     )
 
 

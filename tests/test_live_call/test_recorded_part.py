@@ -50,7 +50,7 @@ def test_a_recording_shows_what_the_call_shows_from_any_packet_on(
     before = [0]  # frames of the call before each packet
     for packet in packets:
         before.append(before[-1] + len(playout.receive(Arrival(packet, 0.0))))
-    for begin in range(2, len(packets) - 7, 2):
+    for begin in range(2, len(packets) - 7, 3):
         path = tmp_path / f"{begin}.rzo"
         end = begin + 6 if stops else len(packets)
         record_part(path, packets, begin, end)
