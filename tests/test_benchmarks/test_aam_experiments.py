@@ -236,10 +236,10 @@ def test_residual_modes_take_in_what_ae_shapes_leave_of_the_landmarks(
 
 
 def test_recognition_counts_every_picture(pair: dict[str, Contender]) -> None:
-    sets = (TRAIN[:3], TRAIN[3:4], TEST[:1])
+    sets = (TRAIN[:2], TRAIN[3:4], TEST[:1])
     learned, known, new = (show_faces(pair["head"], each) for each in sets)
     shows = 1 + 2 * (len(EXPRESSIONS) - 1)
-    assert learned.texture.shape == (3 * shows, len(pair["head"].levels[-1].texture.mean))
+    assert learned.texture.shape == (2 * shows, len(pair["head"].levels[-1].texture.mean))
     results = recognise(learned, known, new)
     ways = {"thresholds", "linear", "SVM", "SVM of texture", "SVM of gradients"}
     assert set(results) == {*ways, "SVM less own neutral"}
