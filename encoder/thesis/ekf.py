@@ -310,9 +310,9 @@ def _filter_class() -> Any:
     That loads SciPy's statistics and optimisers, which takes longer than to encode some seconds.
     """
     spec = find_spec("filterpy")
-    if spec is None:
+    if spec is None or not spec.submodule_search_locations:
         raise ModuleNotFoundError("No module named 'filterpy'", name="filterpy")
-    (folder,) = spec.submodule_search_locations or ()
+    folder = spec.submodule_search_locations[0]
     names = ("filterpy", "filterpy.kalman", "filterpy.stats")
     others = {name: module for name, module in sys.modules.items() if name.startswith("filterpy")}
     for name in names:
