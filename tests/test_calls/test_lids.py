@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from call_contents import played
-from conftest import without_layers
+from conftest import LIVE_MODEL_BYTES, without_layers
 from shots import draw
 
 from decoder.playout.playout import PlayoutFrame
@@ -94,7 +94,7 @@ def test_a_call_with_lids_says_so_and_is_accounted_for(call_with_lids: Path) -> 
 
 def test_a_live_call_shows_the_first_blink_at_its_usual_rate(film: str, tmp_path: Path) -> None:
     path = tmp_path / "live.rzo"
-    options = EncodeOptions(film, path, profile="default", live=True, bitrate=800.0)
+    options = EncodeOptions(film, path, live=True, bitrate=800.0, model_bytes=LIVE_MODEL_BYTES)
     with without_layers():
         lids = [closed(frame) for frame in encoded_and_played(options, path)]
     # At its height a mode that has just been learned may already show half of it.

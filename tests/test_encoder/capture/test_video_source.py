@@ -202,7 +202,6 @@ def test_camera_that_is_not_there_is_refused() -> None:
         ("foreman.264", 299, (352, 288), Fraction(25)),
         ("still.mpg", 75, (360, 288), Fraction(25)),
         ("smile.mp4", 72, (640, 360), Fraction(30)),
-        ("portrait.mp4", 502, (1080, 1920), Fraction(25)),
         ("webcam/frame_%04d.png", 49, (640, 480), Fraction(25)),
     ],
 )

@@ -336,7 +336,7 @@ def enlarged(width: int, height: int) -> LayerSamples:
     )
 
 
-@pytest.mark.parametrize("size", [(300, 228), (304, 225), (646, 482)])
+@pytest.mark.parametrize("size", [(300, 228), (646, 482)])
 def test_layers_are_learned_of_sizes_whose_coarse_copies_round_differently(
     size: tuple[int, int],
 ) -> None:
@@ -346,7 +346,7 @@ def test_layers_are_learned_of_sizes_whose_coarse_copies_round_differently(
     assert len(learned.fields) == 1
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(st.integers(32, 4096), st.integers(32, 4096))
 def test_pictures_that_are_laid_over_each_other_have_one_shape(width: int, height: int) -> None:
     whole = enlarged(width, height).chosen([0])
