@@ -133,7 +133,9 @@ def _lip_separated(head: Head) -> Array:
 
 
 def _multiquadric(a: Array, b: Array) -> Array:
-    square = ((a[:, None] - b[None]) ** 2).sum(2)
+    square = np.zeros((len(a), len(b)))
+    for first, second in zip(a.T, b.T, strict=True):
+        square += np.subtract.outer(first, second) ** 2
     return np.asarray(-np.sqrt(square + MULTIQUADRIC_MM**2))
 
 
