@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import threading
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,6 +16,9 @@ import numpy as np
 from loopback.judge.observer import MediaPipeJudge, find_observer
 from shared_model.arrays import Picture
 from shared_model.errors import UserError
+
+# A writer whose pipe has been opened for it ends within this time.
+RELEASE_S = 0.1
 
 
 def find_ffmpeg(kind: str, feature: str) -> str | None:
@@ -68,6 +72,8 @@ def vmaf(
         for writer in writers:
             writer.start()
         _, said = process.communicate()
+        for writer, pipe in zip(writers, pipes, strict=True):
+            _end(writer, pipe)
         if process.returncode:
             words = said.decode(errors="replace").strip()[-200:]
             raise UserError(f"ffmpeg failed at VMAF: {words}")
@@ -75,10 +81,14 @@ def vmaf(
         return found
 
 
+def _end(writer: threading.Thread, pipe: str) -> None:
+    """Wait for a writer, which may wait for a reader that has failed before it opened the pipe."""
+    while writer.is_alive():
+        os.close(os.open(pipe, os.O_RDONLY | os.O_NONBLOCK))
+        writer.join(RELEASE_S)
+
+
 def _write(pipe: str, pictures: Iterable[Picture]) -> None:
-    with open(pipe, "wb") as file:
-        try:
-            for picture in pictures:
-                file.write(np.ascontiguousarray(picture).tobytes())
-        except BrokenPipeError:
-            return
+    with suppress(BrokenPipeError), open(pipe, "wb") as file:
+        for picture in pictures:
+            file.write(np.ascontiguousarray(picture).tobytes())
