@@ -8,14 +8,7 @@ After every step w is multiplied into the quaternion (4.17-4.19) and reset to ze
 Jacobian of Table 4.1 is exact.
 """
 
-import sys
 from dataclasses import dataclass, field, fields, replace
-from functools import cache
-from importlib import import_module
-from importlib.util import find_spec
-from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 
@@ -132,8 +125,10 @@ class FaceFilter:
         self._noise = process_noise or ProcessNoise()
         self._projection, self._gate = projection, gate
         rigid = _RIGID + (6 if self._noise.velocities else 0)
-        # Loaded here, since that takes a while and the default profile has no EKF.
-        self._filter = _filter_class()(rigid + self._eaus, rigid + self._eaus)
+        # Imported here, since the import takes most of a second and the default profile has no EKF.
+        from filterpy.kalman import ExtendedKalmanFilter
+
+        self._filter = ExtendedKalmanFilter(rigid + self._eaus, rigid + self._eaus)
         self._rotation, position = projection.state_from_pose(pose, camera.focal_px)
         self._filter.x = np.concatenate([position, np.zeros(3), [camera.focal_px]])
         self._filter.x = np.concatenate([self._filter.x, np.zeros(rigid - _RIGID), eau])
@@ -301,29 +296,3 @@ class FaceFilter:
         joint = np.zeros(len(x))
         joint[[2, 6]] = uncertainty.focal_share * x[[2, 6]]
         return np.asarray(P + np.outer(joint, joint))
-
-
-@cache
-def _filter_class() -> Any:
-    """filterpy's extended Kalman filter, without the rest of its package.
-
-    That loads SciPy's statistics and optimisers, which takes longer than to encode some seconds.
-    """
-    spec = find_spec("filterpy")
-    if spec is None or not spec.submodule_search_locations:
-        raise ModuleNotFoundError("No module named 'filterpy'", name="filterpy")
-    folder = spec.submodule_search_locations[0]
-    names = ("filterpy", "filterpy.kalman", "filterpy.stats")
-    others = {name: module for name, module in sys.modules.items() if name.startswith("filterpy")}
-    for name in names:
-        package: Any = ModuleType(name)
-        package.__path__ = [str(Path(folder, *name.split(".")[1:]))]
-        # For likelihoods, which nobody asks for.
-        package.logpdf = None
-        sys.modules[name] = package
-    try:
-        return import_module("filterpy.kalman.EKF").ExtendedKalmanFilter
-    finally:
-        for name in [each for each in sys.modules if each.startswith("filterpy")]:
-            del sys.modules[name]
-        sys.modules.update(others)
