@@ -56,7 +56,7 @@ def add_decode(added: "Commands") -> None:
         "decode",
         "draw the face of a call",
         "The call comes from a file or over Zenoh (--listen or --connect).  The video has one\n"
-        "frame per source frame, in the source's size and rate; .mkv is lossless (FFV1), but for\n"
+        "frame per source frame, in the source's size and rate; .mkv is lossless (H.264), but for\n"
         "the rounding of Y'CbCr where the source is tagged BT.709: then the video is, too.",
         "  risorius decode call.rzo -o out.mkv --source me.mp4\n"
         "  risorius decode call.rzo --face anna.rzo -o anna.mkv\n"

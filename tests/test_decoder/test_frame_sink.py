@@ -48,7 +48,7 @@ def bt709(picture: Picture) -> Array:
 
 
 @pytest.mark.parametrize("suffix", [".mkv", ".avi"])
-def test_ffv1_gives_every_picture_back_bit_for_bit(tmp_path: Path, suffix: str) -> None:
+def test_lossless_files_give_every_picture_back_bit_for_bit(tmp_path: Path, suffix: str) -> None:
     path, pictures = tmp_path / f"out{suffix}", noise(31)
     with open_sink(path, 64, 48, Fraction(25)) as sink:
         for picture in pictures:
