@@ -27,7 +27,7 @@ from protocol.frames.frame_times import TICKS_PER_FRAME
 from shared_model.arrays import Picture, Samples
 from shared_model.errors import UserError
 
-# Container -> codec.  Those of RGB and FFV1 are lossless.
+# Container -> codec.
 CODECS: dict[str, Literal["libx264rgb", "ffv1", "libx264", "libvpx-vp9"]] = {
     ".mkv": "libx264rgb",
     ".avi": "ffv1",
@@ -210,6 +210,7 @@ class VideoFile(FrameSink):
     def _add_stream(self, width: int, height: int, fps: Fraction, is_variable: bool) -> VideoStream:
         codec = CODECS[self._path.suffix.lower()]
         options, is_rgb = OPTIONS[codec], self._colours.matrix is None
+        # That of RGB takes nothing else.
         encoder = "libx264" if codec == "libx264rgb" and not is_rgb else codec
         stream = self._container.add_stream(encoder, rate=fps, options=options)
         self._time_base = 1 / (fps * TICKS_PER_FRAME if is_variable else fps)

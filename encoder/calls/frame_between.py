@@ -9,6 +9,15 @@ from dataclasses import dataclass
 from shared_model.arrays import Array, Picture
 
 
+def may_lack_landmarks(frames_to_last: int) -> bool:
+    """Whether landmarks need not be known in a frame, so many coded ones before its packet's last.
+
+    In that one they must: what is left out lies between two frames of one packet, or follows upon
+    the last of the packet before.
+    """
+    return frames_to_last % 2 == 1
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Between:
     """A source frame between two whose landmarks are known.

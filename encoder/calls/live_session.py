@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from encoder.calls.call_events import CallEvents
 from encoder.calls.caller_search import CallerSearch
 from encoder.calls.face_search import warn_of_long_search
-from encoder.calls.frame_between import Between, FrameBetween
+from encoder.calls.frame_between import Between, FrameBetween, may_lack_landmarks
 from encoder.calls.frame_source import FrameDelay, SeenFrame
 from encoder.calls.model_lifecycle import ModelLifecycle
 from encoder.calls.model_states import ModelState
@@ -304,15 +304,11 @@ class LiveEncoder:
             self._filler.reset_coefficients(self._model.version.rest())
 
     def _is_between(self, index: int, level: WorkLevel) -> bool:
-        """Whether landmarks are not looked for in source frame `index`, though in the one before.
-
-        They are in the last frame of each packet: what is left out lies between two frames of one
-        packet, or follows upon the last of the packet before.
-        """
+        """Whether landmarks are not looked for in source frame `index`, but in the one before."""
         if not self._has_model or index - self._seen_index > self._gop.frame_step:
             return False
         is_halved = self._alternates_landmarks or level.halves_frames
-        return is_halved and self._position.frames_to_last(index, self._gop) % 2 == 1
+        return is_halved and may_lack_landmarks(self._position.frames_to_last(index, self._gop))
 
     def _is_coded(self, index: int) -> bool:
         ahead = index - self._filler.next_index

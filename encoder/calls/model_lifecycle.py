@@ -112,7 +112,7 @@ class ModelLifecycle:
         self._schedule = ModelSchedule(float(self._capture.fps), self._pacing.updates)
         self._awaits_newcomer = True
 
-    def add_frame(self, picture: Picture, points: Array, frames: int = 1) -> None:
+    def add_frame(self, picture: Picture, points: Array, frames: int) -> None:
         """Take a frame (h, w, 3) BGR with its landmarks (468, 3), pixels, to train from.
 
         frames: that it counts for: those before it that were not looked at, and itself.

@@ -77,8 +77,8 @@ class Pacing:
     def fits_layers(self, waiting: int) -> bool:
         """Whether a frame's layers are fitted, `waiting` frames being in its packet.
 
-        In real time those of every second frame are, but not where a packet is coded in the same
-        time.
+        In real time those of every second frame are; where landmarks are found in each frame, not
+        those of the one with which its packet is coded.
         """
         return not self.in_real_time or waiting % 2 == 0
 
@@ -109,11 +109,10 @@ UNPACED = Pacing(
 # Fewer frames cost .02 dB on average of seven clips, and half the time.  What is learned beside the
 # frames comes late: the sooner it begins the better, and it takes as long as several packets.  Half
 # the samples of modes cost .1 dB where there is time, and bring 1.1 beside a busy loop (mean of
-# three clips).  An
-# update takes 2 to 4 s, and throws away the modes that were learned meanwhile: one at 1.5 s, when
-# more has been seen, and none at 5 s is .6 dB better beside a busy loop, mean of three clips.  With
-# layers every frame takes 20 to 30 ms longer, and the first update three times as long, and the
-# face cannot wait for them.  More threads would take the cores from the frames.
+# three clips).  An update takes 2 to 4 s, and throws away the modes that were learned meanwhile:
+# one at 1.5 s, when more has been seen, and none at 5 s is .6 dB better beside a busy loop, mean of
+# three clips.  With layers every frame takes 20 to 30 ms longer, and the first update three times
+# as long, and the face cannot wait for them.  More threads would take the cores from the frames.
 REAL_TIME = Pacing(
     in_real_time=True,
     training_frames=8,

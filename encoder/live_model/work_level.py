@@ -5,8 +5,7 @@
 | FULL | nothing |
 | HALF_THE_FRAMES | every second frame: it gets a face between those of its neighbours |
 | NO_IMAGE_FIT | fits to rendered pixels and of layers; frames are not fitted again |
-| HALF_RESOLUTION | half the rows and columns of the face's picture and of its texels, and all but
-one iteration of the fit to them |
+| HALF_RESOLUTION | half the rows and columns of the face, all but one iteration of its texel fit |
 
 `encoder.calls.overload` chooses the level.
 """

@@ -113,7 +113,7 @@ class MediaPipeJudge:
 def find_observer() -> Observer:
     """The judge if there is one, see `ENVIRONMENT`, else the encoder's own networks.
 
-    So it is if the variable is empty, too.
+    Without looking for one it is these if `ENVIRONMENT_VARIABLE` is empty.
     """
     named = os.environ.get(ENVIRONMENT_VARIABLE)
     if named == "":

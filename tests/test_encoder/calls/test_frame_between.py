@@ -1,6 +1,7 @@
 """A call in real time looks for landmarks in every second frame; the others are fitted as well."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from math import inf
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from conftest import LIVE_MODEL_BYTES, without_layers
 from live_encoders import live_encoder
 
 from decoder.playout.playout import PlayoutFrame
-from encoder.calls.frame_between import FrameBetween
+from encoder.calls.frame_between import FrameBetween, may_lack_landmarks
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
 from encoder.detection.landmarks import LandmarkTracker
@@ -23,6 +24,12 @@ from shared_model.parameters import EAU_INDEX
 FRAMES = 41
 SHIFT_PX, MOVED = 3, (12, 13)
 PICTURE = np.zeros((4, 4, 3), np.uint8)
+
+
+def test_neither_two_frames_in_a_row_nor_the_last_of_a_packet_lack_landmarks() -> None:
+    omitted = [may_lack_landmarks(to_last) for to_last in reversed(range(8))]
+    assert not omitted[-1] and not any(a and b for a, b in pairwise(omitted))
+    assert any(omitted)
 
 
 def test_a_frame_waits_for_the_one_after_it() -> None:
