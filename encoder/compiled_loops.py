@@ -1,5 +1,8 @@
 """Compiles the encoder's loops at once, for an image or a machine that will encode."""
 
+from concurrent.futures import ProcessPoolExecutor
+from fractions import Fraction
+from multiprocessing import get_context
 from tempfile import TemporaryDirectory
 
 import cv2
@@ -7,41 +10,64 @@ import numpy as np
 
 from encoder.capture.video_source import open_source
 from encoder.coding.gop import gop_for_fps
-from encoder.live_model.warm_up import BYTES, GREY, warm_up
+from encoder.live_model.warm_up import BYTES, GREY, load_layer_loops, warm_up
 from encoder.picture_coding.image_budget import encode_background_within
 from encoder.residual.residual_encoder import ResidualEncoder
-from encoder.thesis.outlier_rejection import robust_residuals
 from protocol.pictures.foreground_mask import decode_mask
 from protocol.pictures.picture_codec import decode_picture
+from shared_model.arrays import Picture
 from shared_model.surround import head_with_surround
 
 # Height and width of the picture that loops are compiled with.
 COMPILE_SIZE = (240, 320)
-# The same of a picture residual, and its bits a second.
-RESIDUAL_SIZE, RESIDUAL_BPS = (16, 32), 20000.0
+# The same of a picture residual, its frame rate and its bits a second.
+RESIDUAL_SIZE, RESIDUAL_FPS, RESIDUAL_BPS = (16, 32), Fraction(30), 20000.0
 
 
 def compile_loops() -> None:
-    """Compile the loops of all profiles, or load them where that has been done."""
+    """Compile the loops of all profiles, or load them where that has been done.
+
+    Those of pictures take half of the time: a process of their own compiles them meanwhile.
+    """
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as other:
+        written = other.submit(_write_picture)
+        read = other.submit(_read_pictures)
+        _compile_residual_loops()
+        load_layer_loops()
+        written.result()
+        _warm_up()
+        read.result()
+    # Loads here what was compiled there.
+    _read_pictures()
+
+
+def _write_picture() -> bytes:
+    """A picture of a model: noise."""
+    return encode_background_within(_noise(np.random.default_rng(0)), BYTES)
+
+
+def _read_pictures() -> None:
+    decode_picture("noise", _write_picture())
+    decode_mask(b"")
+
+
+def _warm_up() -> None:
     rng = np.random.default_rng(0)
     with TemporaryDirectory() as folder:
         # Lossless: the noise of each pixel stays.
-        noise = rng.integers(*GREY, (*COMPILE_SIZE, 3), np.uint8)
-        cv2.imwrite(f"{folder}/0.png", noise)
+        cv2.imwrite(f"{folder}/0.png", _noise(rng))
         with open_source(f"{folder}/%d.png") as capture:
             gop = gop_for_fps(capture.fps, None)
             warm_up(head_with_surround(), capture.format, gop, rng)
-    height, width = RESIDUAL_SIZE
-    differences = list(
-        rng.normal(0, 9, (gop.frames_per_packet, height, width, 3)).astype(np.float32)
-    )
-    faces = [np.zeros(RESIDUAL_SIZE, np.float32)] * gop.frames_per_packet
+
+
+def _compile_residual_loops() -> None:
+    rng, (height, width) = np.random.default_rng(0), RESIDUAL_SIZE
+    frames = gop_for_fps(RESIDUAL_FPS, None).frames_per_packet
+    differences = list(rng.normal(0, 9, (frames, height, width, 3)).astype(np.float32))
+    faces = [np.zeros(RESIDUAL_SIZE, np.float32)] * frames
     ResidualEncoder(RESIDUAL_BPS, width, height).encode(differences, faces, 1.0, 0.0)
-    # What the decoder reads with.
-    decode_picture("noise", encode_background_within(noise, BYTES))
-    decode_mask(b"")
-    # Of the thesis profile's filter; the other loops are those of the default one.
-    points, state = 4, 7
-    jacobian = np.zeros((2 * points, 2 * state))[:, :state]
-    pixels, visible = np.zeros(2 * points), np.ones(points, bool)
-    robust_residuals(np.eye(state), np.zeros(state), jacobian, pixels, pixels + 1, visible)
+
+
+def _noise(rng: np.random.Generator) -> Picture:
+    return rng.integers(*GREY, (*COMPILE_SIZE, 3), np.uint8)

@@ -63,12 +63,12 @@ def warm_up(head: Head, video: VideoFormat, gop: GopStructure, rng: np.random.Ge
     predictor = FramePredictor(transform.scale_codes, transform.reserved_modes)
     values = version.transform_faces([version.fit(samples[0])])
     code_packet(predictor, 0, gop.frames_per_packet, values, QUALITY, intra=True)
-    _load_loops_of_layers()
+    load_layer_loops()
     ModeLearner(version.person, SAMPLES_PER_S).update(samples, version.fit_texels, BYTES, 1)
 
 
-def _load_loops_of_layers() -> None:
-    """In noise there is nobody to learn layers of."""
+def load_layer_loops() -> None:
+    """Load the loops of layers, or compile them: in noise there is nobody to learn layers of."""
     frames, weights = np.zeros((2, 4, 4, 3), np.float32), np.ones((2, 4, 4), np.float32)
     robust_mean(frames.astype(np.uint8), weights, 1)
     mean = robust_mean(frames, weights, 1)

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from runtime.jit import jit
 from shared_model.arrays import Array, Mask
 
 # Rounds of reweighting, enough for the weights to converge.
@@ -11,7 +10,6 @@ IRLS_ROUNDS = 10
 MEDIAN_RMS = 0.83
 
 
-@jit
 def robust_residuals(
     prior_normal: Array,
     prior_right: Array,
@@ -31,29 +29,17 @@ def robust_residuals(
     innovation, weight: (2n,), weight 0 where a point is not measured.
     visible: (n,), at least one.
     """
-    rows, rigid = H.shape
-    normal, right = np.empty_like(prior_normal), np.empty_like(prior_right)
-    robust, residuals, scale = weight.copy(), np.zeros(len(visible)), 1.0
+    rigid = H.shape[1]
+    normal, right = prior_normal.copy(), prior_right.copy()
+    robust = weight
     for _ in range(IRLS_ROUNDS):
         # The gain in information form: the inverse is small, whatever the number of points.
-        normal[:], right[:] = prior_normal, prior_right
-        for row in range(rows):
-            if robust[row] > 0:
-                for i in range(rigid):
-                    share = robust[row] * H[row, i]
-                    right[i] += share * innovation[row]
-                    for j in range(rigid):
-                        normal[i, j] += share * H[row, j]
+        weighted = H.T * robust
+        normal[:rigid, :rigid] = prior_normal[:rigid, :rigid] + weighted @ H
+        right[:rigid] = prior_right[:rigid] + weighted @ innovation
         step = np.linalg.solve(normal, right)
-        for point in range(len(visible)):
-            mean_square = 0.0
-            for row in (2 * point, 2 * point + 1):
-                residual = innovation[row]
-                for i in range(rigid):
-                    residual -= H[row, i] * step[i]
-                mean_square += residual * residual * weight[row] / 2
-            residuals[point] = np.sqrt(mean_square)
+        squares = (innovation - H @ step[:rigid]) ** 2 * weight
+        residuals = np.sqrt(squares.reshape(-1, 2).mean(axis=1))
         scale = max(1.0, float(np.median(residuals[visible])) / MEDIAN_RMS)
-        for row in range(rows):
-            robust[row] = weight[row] / (1 + (residuals[row // 2] / scale) ** 2)
+        robust = weight / (1 + (residuals / scale) ** 2).repeat(2)
     return residuals, scale
