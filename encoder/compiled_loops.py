@@ -31,14 +31,14 @@ def compile_loops() -> None:
     """
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as other:
         written = other.submit(_write_picture)
-        read = other.submit(_read_pictures)
         _compile_residual_loops()
         load_layer_loops()
-        written.result()
+        picture = written.result()
+        read = other.submit(_read_pictures, picture)
         _warm_up()
         read.result()
     # Loads here what was compiled there.
-    _read_pictures()
+    _read_pictures(picture)
 
 
 def _write_picture() -> bytes:
@@ -46,8 +46,8 @@ def _write_picture() -> bytes:
     return encode_background_within(_noise(np.random.default_rng(0)), BYTES)
 
 
-def _read_pictures() -> None:
-    decode_picture("noise", _write_picture())
+def _read_pictures(picture: bytes) -> None:
+    decode_picture("noise", picture)
     decode_mask(b"")
 
 
