@@ -52,8 +52,10 @@ def split_into_layers(
     )
     # Byte strings beyond 255 have one more byte of length than empty ones.
     free_bytes = max(0, base_bytes - len(serialise(draft)) - 2)
-    coarse_texture, _ = encode_picture_within(mean, int(TEXTURE_SHARE * free_bytes), kind=TEXTURE)
-    texture = _smaller(model.texture, coarse_texture)
+    texture_bytes, texture = int(TEXTURE_SHARE * free_bytes), model.texture
+    if not 0 < len(texture) <= texture_bytes:
+        coarse_texture, _ = encode_picture_within(mean, texture_bytes, kind=TEXTURE)
+        texture = _smaller(texture, coarse_texture)
     coarse_background = _smaller(
         model.background, background.encode_rough(free_bytes - len(texture))
     )

@@ -50,6 +50,8 @@ from shared_model.parameters import FaceParameters
 # Share of the budget that the first version takes: its background, and a mean texture that is soon
 # replaced.
 BOOTSTRAP_SHARE = 0.3
+# Of the texture of a base layer, at most: `split_into_layers` leaves it 724 to 744.
+FIRST_TEXTURE_BYTES = 720
 # Bytes of these, against those of one picture.
 LAYER_BYTES = 1.85
 # Texels and pixels that a frame is fitted by.  Twice as many texels take 4 ms a frame more and gave
@@ -117,8 +119,8 @@ class ModelTrainer:
         """
         budget = self._first_budget(share)
         if self._progressive:
-            # A call over a thin link waits for this: it takes the background that fits alone.
-            budget = replace(budget, background_bytes=0)
+            # A call over a thin link waits for this: it takes no more than what fits.
+            budget = replace(budget, background_bytes=0, appearance_bytes=FIRST_TEXTURE_BYTES)
         version = self.train(budget, pictures, points, 0).placed_at(0, start_frame)
         return self._base_layer_only(version) if self._progressive else version
 
@@ -294,6 +296,8 @@ class ModelTrainer:
         """The version with the appearance that its base layer has."""
         version = self._in_layers(version)
         texture = version.packet.texture
+        if texture == version.person.appearance.texture:
+            return replace(version, layers=None)
         mean = decode_picture("texture", texture)
         appearance = replace(
             version.person.appearance, texture=texture, mean=mean, mode_codec=ModeCodec(len(mean))

@@ -39,29 +39,35 @@ export class SkinConstraints {
    */
   #weigh(mesh, pixels, sigmaPx) {
     const count = this.vertices.length;
-    const kernel = (/** @type {number} */ x, /** @type {number} */ y, /** @type {number} */ k) =>
-      Math.exp(((pixels[2 * k] - x) ** 2 + (pixels[2 * k + 1] - y) ** 2) / (-2 * sigmaPx ** 2));
+    const square = (/** @type {number} */ x, /** @type {number} */ y, /** @type {number} */ k) =>
+      (pixels[2 * k] - x) ** 2 + (pixels[2 * k + 1] - y) ** 2;
+    const kernel = (/** @type {number} */ squarePx) => Math.exp(squarePx / (-2 * sigmaPx ** 2));
     // By the area around each vertex, since vertices are dense around eyes and mouth.
-    const density = this.vertices.map((_, i) => {
-      let sum = 0;
-      for (let k = 0; k < count; k++) sum += kernel(pixels[2 * i], pixels[2 * i + 1], k);
-      return sum;
-    });
+    const density = new Float64Array(count);
+    for (let i = 0; i < count; i++) {
+      density[i] += kernel(0);
+      for (let k = i + 1; k < count; k++) {
+        const weight = kernel(square(pixels[2 * i], pixels[2 * i + 1], k));
+        density[i] += weight;
+        density[k] += weight;
+      }
+    }
     /** @type {number[]} */
     this.points = [];
     /** @type {Float64Array[]} */
     this.weights = [];
     for (let p = 0; p < mesh.rows * mesh.columns; p++) {
+      const x = mesh.gridPx[2 * p];
+      const y = mesh.gridPx[2 * p + 1];
+      let nearest = Infinity;
+      for (let k = 0; k < count; k++) nearest = Math.min(nearest, square(x, y, k));
+      if (kernel(nearest) <= MIN_WEIGHT) continue;
       const own = new Float64Array(count);
-      let most = 0;
       let sum = 0;
       for (let k = 0; k < count; k++) {
-        own[k] = kernel(mesh.gridPx[2 * p], mesh.gridPx[2 * p + 1], k);
-        most = Math.max(most, own[k]);
-        own[k] /= density[k];
+        own[k] = kernel(square(x, y, k)) / density[k];
         sum += own[k];
       }
-      if (most <= MIN_WEIGHT) continue;
       this.points.push(p);
       this.weights.push(own.map((weight) => weight / (sum + FREE_WEIGHT)));
     }

@@ -10,6 +10,7 @@ import { element, fullScreenSwitch } from "../page/elements.js";
 import { FaceCanvas } from "../page/face_canvas.js";
 import { Presenter } from "../playout/presenter.js";
 import { Receiver } from "../playout/receiver.js";
+import { rehearse } from "./rehearsal.js";
 import { VoicePlayer } from "./voice_player.js";
 
 /** @typedef {import("../playout/playout.js").PlayoutFrame} PlayoutFrame */
@@ -49,6 +50,8 @@ class Watch {
     this.known = new WeakSet();
     this.cameS = -Infinity;
     this.bytes = 0;
+    /** @type {Promise<boolean> | null} */
+    this.rehearsal = null;
     this.#connect();
     setInterval(() => this.#tick(), TICK_MS);
     addEventListener("pagehide", () => this.#send([this.delivery.bye()]));
@@ -96,6 +99,8 @@ class Watch {
   #tick() {
     this.#show(this.receiver.poll(now()));
     this.#send(this.delivery.payloads(now()));
+    // Once the encoder has answered: a thin link takes seconds for its model.
+    if (this.delivery.call) this.rehearsal ??= rehearse(this.faces);
   }
 
   /** @param {PlayoutFrame[]} frames */

@@ -79,6 +79,22 @@ def test_a_page_watches_a_call(
         browser.wait(f"watch.shown > {shown} && watch.delivery.sessions === 2", LIMIT_S)
 
 
+def test_a_page_rehearses_while_a_model_is_on_its_way(
+    endpoint: str, server: WatchServer, tmp_path: Path, chromium: str
+) -> None:
+    link = LinkOptions("anna", connect=(endpoint,), security=LinkSecurity(None))
+    with (
+        Browser(chromium, tmp_path / "b", 800, 700, *SOFTWARE_GL) as browser,
+        open_link_sink(link) as sink,
+    ):
+        browser.call("Page.navigate", url=f"http://127.0.0.1:{server.port}/anna")
+        sink.wait_for_peer(LIMIT_S)
+        browser.wait("window.watch?.rehearsal != null", LIMIT_S)
+        browser.value("watch.rehearsal.then((done) => { window.isDone = done; }), true")
+        browser.wait("window.isDone", LIMIT_S)
+        assert browser.value("watch.shown") == 0
+
+
 def _send_watched(link: LinkOptions, call: Path, browser: Browser) -> None:
     """Send a call as fast as the page takes it."""
     with CallReader(call) as packets, open_link_sink(link) as sink:

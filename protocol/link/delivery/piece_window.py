@@ -32,10 +32,14 @@ RATE_MEMORY_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """When a piece was sent last, and how many bytes had been acknowledged by then."""
+    """When a piece was sent last, and how many bytes had been acknowledged by then.
+
+    flying: bytes that were on their way then, with it.
+    """
 
     time_s: float
     delivered: int
+    flying: int = 0
     again: bool = False
 
 
@@ -104,6 +108,7 @@ class PieceWindow:
 
         flying: bytes on their way.
         """
+        flying = max(flying, sent.flying)
         if sent.time_s + REORDERING_S < self._newest_s:
             return True
         return now_s - sent.time_s > self.timeout_s(flying)

@@ -11,7 +11,7 @@ from protocol.link.delivery.frame_copies import MAX_BEHIND, FrameCopies
 from protocol.link.delivery.frame_numbers import FrameNumbers
 from protocol.link.delivery.item_assembly import ItemAssembly
 from protocol.link.delivery.item_store import ItemStore
-from protocol.link.delivery.piece_window import PieceWindow, Sent
+from protocol.link.delivery.piece_window import WHOLE_PIECE_BYTES, PieceWindow, Sent
 from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.delivery.sender import LINGER_S, STALLED_S, DeliverySender
 from protocol.link.messages import (
@@ -227,6 +227,17 @@ def test_the_window_grows_on_an_empty_link_and_shrinks_on_a_full_one() -> None:
         window.on_piece(Sent(0.0, 0), PIECE_BYTES, took_s)
         sizes.append(window.size)
     assert sizes[0] < sizes[1] == sizes[2] > sizes[4]
+
+
+def test_a_piece_is_not_lost_while_those_before_it_are_on_a_slow_link() -> None:
+    rate_bps, trip_s, pieces = 8000.0, 0.1, 4
+    window = PieceWindow(rate_bps)
+    window.on_round_trip(trip_s)
+    last = Sent(0.0, 0, flying=pieces * PIECE_BYTES)
+    arrives_s = trip_s + 8 * pieces * WHOLE_PIECE_BYTES / rate_bps
+    # By then the others have been acknowledged.
+    assert not window.is_lost(last, arrives_s, PIECE_BYTES)
+    assert window.is_lost(last, 2 * arrives_s, PIECE_BYTES)
 
 
 def test_packets_that_come_less_often_than_expected_are_soon_not_asked_for() -> None:
