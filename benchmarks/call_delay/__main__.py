@@ -31,7 +31,8 @@ draws for them.  With --busy so many loops keep the cores busy beside it.  Print
     minutes_late_ms  the same in the first and in the last minute of more than two
     match            how well mouth and sound on the page correlate with those of the source
     quality          with --quality, of each page that is open: PSNR of the other's face and of the
-        whole picture against the clip, dB, of a picture a second
+        whole picture against the clip, dB, of a picture a second; too low where the host is so busy
+        that a camera reads its clip late
 """
 
 import argparse
