@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from benchmarks.browser import Browser
+from encoder.capture.picture_size import reduced
 from encoder.capture.video_source import open_source
 from loopback.quality.video_quality import TrackedFaceMask, measure_pictures
 from shared_model.arrays import Picture
@@ -60,17 +61,14 @@ def seen_quality(clip: Path, seen: Sequence[Seen]) -> dict[str, float | int | No
     """PSNR of luma of the pictures, dB, over the face and over all of it, means.
 
     The camera was the clip, over and over: which of its frames was the first is found by the
-    pictures.  A page that is smaller shows smaller pictures, which are compared as they are.
+    pictures.  They have the size to which a call reduces what its camera gives.
     """
     with open_source(str(clip)) as source:
-        frames = [picture for _, picture in source]
+        frames = [reduced(picture) for _, picture in source]
     if not seen:
         raise UserError("the page has shown no picture")
     first = first_frame([_small(each) for each in frames], [(i, _small(p)) for i, p in seen])
-    pairs = [
-        (_scaled(frames[(first + index) % len(frames)], picture), picture)
-        for index, picture in seen
-    ]
+    pairs = [(frames[(first + index) % len(frames)], picture) for index, picture in seen]
     quality = measure_pictures(pairs, TrackedFaceMask())
     return {
         "pictures": quality.frames,
@@ -91,14 +89,6 @@ def first_frame(frames: Sequence[Picture], seen: Sequence[Seen]) -> int:
         return float(np.square(of - np.array([each for _, each in seen], np.float32)).mean())
 
     return min(range(len(clip)), key=error)
-
-
-def _scaled(frame: Picture, shown: Picture) -> Picture:
-    """A frame of the size of a picture that is shown."""
-    if frame.shape == shown.shape:
-        return frame
-    scaled = cv2.resize(frame, shown.shape[1::-1], interpolation=cv2.INTER_AREA)
-    return np.asarray(scaled, np.uint8)
 
 
 def _small(picture: Picture) -> Picture:

@@ -10,8 +10,8 @@ import { element, fullScreenSwitch } from "../page/elements.js";
 import { FaceCanvas } from "../page/face_canvas.js";
 import { Presenter } from "../playout/presenter.js";
 import { Receiver } from "../playout/receiver.js";
-import { rehearse } from "./rehearsal.js";
 import { VoicePlayer } from "./voice_player.js";
+import { warmUp } from "./warm_up.js";
 
 /** @typedef {import("../playout/playout.js").PlayoutFrame} PlayoutFrame */
 /** @typedef {import("../playout/received_models.js").ReceivedModel} ReceivedModel */
@@ -51,7 +51,7 @@ class Watch {
     this.cameS = -Infinity;
     this.bytes = 0;
     /** @type {Promise<boolean> | null} */
-    this.rehearsal = null;
+    this.warmUp = null;
     this.#connect();
     setInterval(() => this.#tick(), TICK_MS);
     addEventListener("pagehide", () => this.#send([this.delivery.bye()]));
@@ -100,7 +100,7 @@ class Watch {
     this.#show(this.receiver.poll(now()));
     this.#send(this.delivery.payloads(now()));
     // Once the encoder has answered: a thin link takes seconds for its model.
-    if (this.delivery.call) this.rehearsal ??= rehearse(this.faces);
+    if (this.delivery.call) this.warmUp ??= warmUp(this.faces);
   }
 
   /** @param {PlayoutFrame[]} frames */

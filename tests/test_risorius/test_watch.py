@@ -79,7 +79,7 @@ def test_a_page_watches_a_call(
         browser.wait(f"watch.shown > {shown} && watch.delivery.sessions === 2", LIMIT_S)
 
 
-def test_a_page_rehearses_while_a_model_is_on_its_way(
+def test_a_page_warms_up_while_a_model_is_on_its_way(
     endpoint: str, server: WatchServer, tmp_path: Path, chromium: str
 ) -> None:
     link = LinkOptions("anna", connect=(endpoint,), security=LinkSecurity(None))
@@ -89,8 +89,8 @@ def test_a_page_rehearses_while_a_model_is_on_its_way(
     ):
         browser.call("Page.navigate", url=f"http://127.0.0.1:{server.port}/anna")
         sink.wait_for_peer(LIMIT_S)
-        browser.wait("window.watch?.rehearsal != null", LIMIT_S)
-        browser.value("watch.rehearsal.then((done) => { window.isDone = done; }), true")
+        browser.wait("window.watch?.warmUp != null", LIMIT_S)
+        browser.value("watch.warmUp.then((done) => { window.isDone = done; }), true")
         browser.wait("window.isDone", LIMIT_S)
         assert browser.value("watch.shown") == 0
 

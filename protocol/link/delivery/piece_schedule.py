@@ -156,6 +156,7 @@ class PieceSchedule:
 
     def _sent_piece(self, key: PieceKey, peers: Sequence[Peer], now_s: float) -> Piece:
         delivered = min(peer.window.delivered for peer in peers if peer.lacks(key))
-        flying = PIECE_BYTES * len({*self._sent, key})
-        self._sent[key] = Sent(now_s, delivered, flying, again=key in self._sent)
+        again = key in self._sent
+        flying = PIECE_BYTES * (len(self._sent) + (not again))
+        self._sent[key] = Sent(now_s, delivered, flying, again)
         return self._items.piece(key)

@@ -1,6 +1,8 @@
 import { array } from "../data_file.js";
 import { Scene } from "../draw/scene.js";
 import { SceneGeometry } from "../draw/scene_geometry.js";
+import { VOICES } from "../format/model_packet.js";
+import { AAUS, EAUS } from "../model/parameters.js";
 import { referenceFace } from "../model/person.js";
 
 /** @typedef {import("../draw/scene.js").ModelPictures} ModelPictures */
@@ -20,7 +22,7 @@ const GREY = 128;
  * @param {FaceCanvas} faces
  * @returns whether it has been drawn
  */
-export async function rehearse(faces) {
+export async function warmUp(faces) {
   for (const _ of steps(faces)) {
     await new Promise((resolve) => setTimeout(resolve));
     if (faces.pictures.size) return false;
@@ -65,17 +67,17 @@ function plainModel(points) {
       startFrame: 0,
       frameStep: 1,
       hasEyelids: true,
-      voice: 0,
+      voice: VOICES.OFF,
       sampleAspect: [1, 1],
       hasResidual: false,
     },
     version: 0,
     sequence: 0,
-    aau: new Int8Array(11),
+    aau: new Int8Array(AAUS),
     residual: new Int8Array(3 * points),
     rotation: [0, 1, 0, 0],
     translation: [0, 0, DISTANCE_MM],
-    eau: new Int8Array(14),
+    eau: new Int8Array(EAUS),
     background: nothing,
     texture: nothing,
     profileData: nothing,
