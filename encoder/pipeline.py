@@ -13,9 +13,11 @@ import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
+from functools import partial
 
 from encoder.calls.call_events import CallEvents
 from encoder.calls.call_session import CallSession, FramePass, RecordedPass, run_pass
+from encoder.calls.early_model import EarlyModel, EarlyModelMaker
 from encoder.calls.face_search import open_landmark_search
 from encoder.calls.frame_source import FrameSource, dropping_frames
 from encoder.calls.live_session import LiveEncoder, LiveSettings
@@ -32,6 +34,7 @@ from encoder.coding.gop import GopStructure, gop_for_fps
 from encoder.coding.model_packet import ModelBudget, budget_for
 from encoder.coding.pacer import MIN_FRAGMENT_BYTES, LayerPacer
 from encoder.coding.thin_link import LAYER_BYTES, THIN_BPS, startup_rate
+from encoder.live_model.call_trainer import CallTrainers
 from encoder.live_model.learner import LocalLearner
 from encoder.live_model.learning_process import LearningProcess
 from encoder.live_model.other_face import OtherFace, ShownFace, version_of_picture
@@ -47,7 +50,7 @@ from encoder.thesis.texture_mode_session import TextureModeEncoder
 from encoder.thesis.thesis_session import ThesisEncoder
 from encoder.thesis.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, open_tracker
 from protocol.link.interface import MessageCallback, PacketSink, ignore_message
-from runtime.parallel import one_blas_thread, short_switch_interval
+from runtime.parallel import beside, one_blas_thread, short_switch_interval
 from shared_model.arrays import Array, Picture
 from shared_model.errors import NO_FACE, UserError
 from shared_model.mesh import generic_head
@@ -169,14 +172,31 @@ def encode_live(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = No
             callbacks.on_preparing("")
             _log.info("warmed up")
         # Whoever comes finds an encoder that is ready.
-        with dropping_frames(capture):
-            _wait_for_peer(options, sink)
+        trainers = CallTrainers(capture.format, gop, budget, progressive=True, pacing=pacing)
+        early = _wait_beside_camera(run, sink, trainers)
         packets = run.packets(sink, _pacer(run, sink), voice)
         shown = _shown_face(callbacks.other_face, capture, gop, budget)
         session = LiveEncoder(
-            capture, packets, run.stats, settings, learner, pacing, shown, callbacks.events
+            capture, packets, run.stats, settings, learner, pacing, shown, callbacks.events, early
         )
         run_session(session, packets, run)
+
+
+def _wait_beside_camera(
+    run: EncodeRun, sink: PacketSink, trainers: CallTrainers
+) -> EarlyModel | None:
+    """See `_wait_for_peer`; the model made meanwhile if it goes in layers, which the user tells."""
+    options, capture = run.options, run.capture
+    is_waiting = options.wait_for_peer_s > 0 and not is_pipe(options.source)
+    if options.startup_bitrate is None or not is_waiting:
+        with dropping_frames(capture):
+            _wait_for_peer(options, sink)
+        return None
+    maker = EarlyModelMaker(trainers)
+    look = partial(maker.watch, capture) if capture.is_live else partial(maker.read, options.source)
+    with beside(look):
+        _wait_for_peer(options, sink)
+    return maker.model
 
 
 def _wait_for_peer(options: EncodeOptions, sink: PacketSink) -> None:

@@ -51,6 +51,22 @@ def prefetch(items: Iterator[Item]) -> Generator[Item, None, None]:
 
 
 @contextmanager
+def beside(work: Callable[[Callable[[], bool]], None]) -> Iterator[None]:
+    """Run `work(busy)` in a thread beside the block; once that is left, `busy()` is false.
+
+    Leaving the block waits for the work, and raises what it has raised.
+    """
+    left = threading.Event()
+    with ThreadPoolExecutor(1) as executor:
+        job = executor.submit(work, lambda: not left.is_set())
+        try:
+            yield
+        finally:
+            left.set()
+        job.result()
+
+
+@contextmanager
 def worker_pool(workers: int | None = None) -> Iterator[ThreadPoolExecutor]:
     """A thread pool; leaving the block cancels the jobs that have not started.
 

@@ -3,14 +3,12 @@
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from threading import Event
 
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
-from runtime.parallel import prefetch
+from runtime.parallel import beside, prefetch
 from shared_model.arrays import Array, Picture
 
 
@@ -149,14 +147,5 @@ class FrameDelay:
 @contextmanager
 def dropping_frames(capture: Capture) -> Iterator[None]:
     """Drop the frames that a live source gives while the `with` block runs."""
-    if not capture.is_live:
+    with beside(capture.drop_frames_while) if capture.is_live else nullcontext():
         yield
-        return
-    ready = Event()
-    with ThreadPoolExecutor(1) as executor:
-        dropping = executor.submit(capture.drop_frames_while, lambda: not ready.is_set())
-        try:
-            yield
-        finally:
-            ready.set()
-        dropping.result()

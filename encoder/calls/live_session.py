@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 from encoder.calls.call_events import CallEvents
 from encoder.calls.caller_search import CallerSearch
+from encoder.calls.early_model import EarlyModel
 from encoder.calls.face_search import warn_of_long_search
 from encoder.calls.frame_between import Between, FrameBetween, may_lack_landmarks
 from encoder.calls.frame_source import FrameDelay, SeenFrame
@@ -27,6 +28,7 @@ from encoder.coding.model_packet import ModelBudget
 from encoder.coding.rate_control import OnlineRateController, RateTarget
 from encoder.learning.absence import AbsenceWatch
 from encoder.learning.face_sample import FaceSample
+from encoder.live_model.call_trainer import CallTrainers
 from encoder.live_model.learner import Learner
 from encoder.live_model.other_face import ShownFace
 from encoder.live_model.pacing import Pacing
@@ -56,6 +58,7 @@ class LiveEncoder:
     learner: trains and learns; one that is done at once gives the same bytes for the same source.
     pacing: what the call may wait for.
     shown: whose face is shown; None: the caller's.
+    early: the first version of the model, if it was made before the call.
     clock: seconds from any origin.
     """
 
@@ -69,6 +72,7 @@ class LiveEncoder:
         pacing: Pacing,
         shown: ShownFace | None = None,
         events: CallEvents | None = None,
+        early: EarlyModel | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         gop, events = settings.gop, events or CallEvents()
@@ -83,16 +87,16 @@ class LiveEncoder:
         self._first_index = 0  # of the call's source frames
         updates = ModelUpdateSender(packets, stats, gop, fps, pacing.lead_packets)
         self._search, self._absence = CallerSearch(stats), AbsenceWatch()
-        self._model = ModelLifecycle(
-            capture,
+        trainers = CallTrainers(
+            capture.format,
             gop,
             settings.budget,
-            updates,
-            stats,
-            learner,
+            updates.progressive,
             pacing,
-            shown or ShownFace(),
-            events,
+            learner.encode_background,
+        )
+        self._model = ModelLifecycle(
+            fps, trainers, updates, stats, learner, pacing, shown or ShownFace(), events, early
         )
         self._between, self._filler = FrameBetween(), PacketFiller(gop.frame_step)
         self._held_frames = int(pacing.coding_delay_s * coded_fps)

@@ -14,16 +14,14 @@ from concurrent.futures import Future
 from dataclasses import replace
 
 from encoder.calls.call_events import CallEvents
+from encoder.calls.early_model import EarlyModel
 from encoder.calls.model_states import ModelEvent, ModelState, ModelStates
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.session_stats import SessionStats
-from encoder.capture.video_source import Capture
-from encoder.coding.gop import GopStructure
-from encoder.coding.model_packet import ModelBudget
 from encoder.learning.face_sample import FaceSample
 from encoder.learning.incremental_modes import LearnedMode
 from encoder.learning.mode_scheduler import ModeScheduler
-from encoder.live_model.call_trainer import trainer_from
+from encoder.live_model.call_trainer import CallTrainers
 from encoder.live_model.learner import Learner, ModesTask, TrainingTask
 from encoder.live_model.model_schedule import ModelSchedule
 from encoder.live_model.model_version import ModelVersion
@@ -41,27 +39,27 @@ UPDATE_WAIT_LIMIT_S = 3.0
 class ModelLifecycle:
     """Trains, announces and switches the versions of one call's model.
 
-    budget: of a version.
+    fps: of the source.
     learner: trains updates and learns modes.
     shown: whose face is shown.
+    early: the first version, if it was made before there was a frame to send.
     """
 
     def __init__(
         self,
-        capture: Capture,
-        gop: GopStructure,
-        budget: ModelBudget,
+        fps: float,
+        trainers: CallTrainers,
         updates: ModelUpdateSender,
         stats: SessionStats,
         learner: Learner,
         pacing: Pacing,
         shown: ShownFace,
         events: CallEvents,
+        early: EarlyModel | None = None,
     ) -> None:
-        self._capture, self._gop, self._budget = capture, gop, budget
+        self._fps, self._trainers, self._early = fps, trainers, early
         self._updates, self._stats, self._shown = updates, stats, shown
         self._learner, self._pacing, self._events = learner, pacing, events
-        fps = float(capture.fps)
         self._frames = TrainingFrames(pacing.training_frames)
         self._faces = 0  # source frames of the person's face
         self._schedule = ModelSchedule(fps, pacing.updates)
@@ -109,7 +107,7 @@ class ModelLifecycle:
         """From the next frame on somebody else is in the picture."""
         self._frames.forget()
         self._faces = 0
-        self._schedule = ModelSchedule(float(self._capture.fps), self._pacing.updates)
+        self._schedule = ModelSchedule(self._fps, self._pacing.updates)
         self._awaits_newcomer = True
 
     def add_frame(self, picture: Picture, points: Array, frames: int) -> None:
@@ -121,19 +119,24 @@ class ModelLifecycle:
         self._faces += frames
 
     def start(self, index: int) -> None:
-        """Train the first version from the frames so far, and send it; used from `index` on."""
-        pictures, points = self._frames.sample()
-        progressive, video = self._updates.progressive, self._capture.format
-        first = pictures[0], points[0], video, self._gop, self._budget
-        trainer = trainer_from(*first, progressive, self._pacing, self._learner.encode_background)
-        # In real time, and on a thin link, an update brings what takes long.
-        seen = 0 if self._pacing.in_real_time or progressive else self._faces
-        share = self._schedule.first_share(seen)
-        self._version = version = trainer.bootstrap(pictures, points, index, share)
+        """Send the first version, trained from the frames so far if there is none yet; used from
+        `index` on.
+        """
+        first = self._early or self._train_first()
+        trainer, version = first.trainer, first.version.placed_at(0, index)
+        self._early, self._version = None, version
         self._updates.send_first(self._shown.begin(version, index))
         self._learner.begin(trainer)
         self._start_modes(version)
         self._states.on(ModelEvent.FIRST_SENT)
+
+    def _train_first(self) -> EarlyModel:
+        pictures, points = self._frames.sample()
+        trainer = self._trainers.trainer(pictures[0], points[0])
+        # In real time, and on a thin link, an update brings what takes long.
+        is_hurried = self._pacing.in_real_time or self._updates.progressive
+        share = self._schedule.first_share(0 if is_hurried else self._faces)
+        return EarlyModel(trainer, trainer.bootstrap(pictures, points, share))
 
     def learn_modes(self, index: int, sample: Callable[[], FaceSample], may_start: bool) -> bool:
         """Learn modes from source frame `index`, and send those that are learned.
@@ -192,10 +195,8 @@ class ModelLifecycle:
             return
         self._training, self._awaits_newcomer = None, False
         pictures, points = self._frames.sample()
-        first = pictures[0], points[0], self._capture.format, self._gop, self._budget
-        pace = self._updates.progressive, self._pacing, self._learner.encode_background
         with self._stats.stage("train"):
-            trainer = trainer_from(*first, *pace, self._shown.next_number)
+            trainer = self._trainers.trainer(pictures[0], points[0], self._shown.next_number)
             version = trainer.follow(pictures, points)
         self._learner.begin(trainer)
         self._is_newcomer_announced = True
@@ -277,7 +278,7 @@ class ModelLifecycle:
         is_of_update = self._updates.progressive and self._next_version is not None
         if self._updates.busy or is_of_update:
             return False
-        wait_s = self._updates.transmission_time_s(self._budget)
+        wait_s = self._updates.transmission_time_s(self._trainers.budget)
         return not self._is_update_waiting or wait_s >= UPDATE_WAIT_LIMIT_S
 
     @property

@@ -153,10 +153,12 @@ class LiveCapture(Capture):
             upcoming = index + 1
             yield index, self._fitted(picture)
 
-    def drop_frames_while(self, busy: Callable[[], bool]) -> None:
+    def drop_frames_while(
+        self, busy: Callable[[], bool], look: Callable[[Picture], None] = lambda picture: None
+    ) -> None:
         """See `Capture`."""
-        while busy() and self._mailbox.take() is not None:
-            pass
+        while busy() and (taken := self._mailbox.take()) is not None:
+            look(self._fitted(taken[1]))
 
     def _fitted(self, picture: Picture) -> Picture:
         return letterboxed(picture, self.width, self.height) if picture.size else picture

@@ -128,10 +128,16 @@ class Capture:
             yield index, frame
             index, frame = index + 1, self._reader.read()
 
-    def drop_frames_while(self, busy: Callable[[], bool]) -> None:
-        """Drop the frames that arrive while `busy()`; iteration starts with the first one after."""
+    def drop_frames_while(
+        self, busy: Callable[[], bool], look: Callable[[Picture], None] = lambda picture: None
+    ) -> None:
+        """Drop the frames that arrive while `busy()`; iteration starts with the first one after.
+
+        look: called with each that is dropped.
+        """
         while busy() and (frame := self._reader.read()) is not None:
             self._first = frame
+            look(frame)
 
     def close(self) -> None:
         """Release the device or file."""

@@ -1,4 +1,6 @@
-"""The trainer of a live call's models, from the first picture of the caller."""
+"""The trainers of a live call's models: each begins with the first picture of a person."""
+
+from dataclasses import dataclass
 
 from encoder.capture.video_source import VideoFormat
 from encoder.coding.background import EncodeBackground, background_of, encoded_in_a_thread
@@ -12,34 +14,38 @@ from shared_model.arrays import Array, Picture
 from shared_model.surround import head_with_surround
 
 
-def trainer_from(
-    picture: Picture,
-    points: Array,
-    video: VideoFormat,
-    gop: GopStructure,
-    budget: ModelBudget,
-    progressive: bool,
-    pacing: Pacing,
-    encode_background: EncodeBackground = encoded_in_a_thread,
-    first_number: int = 0,
-) -> ModelTrainer:
-    """The trainer of the person in a picture (h, w, 3) BGR.  points: their landmarks (468, 3), px.
+@dataclass(frozen=True, slots=True)
+class CallTrainers:
+    """Makes the trainers of one call.
 
-    budget, progressive, encode_background, first_number: see `ModelTrainer`.
+    video: of the call.  budget, progressive, encode_background: see `ModelTrainer`.
     """
-    first = picture, face_outline(points)
-    # A base layer has no room for two pictures.
-    has_layers = 0 in pacing.layer_updates and not progressive
-    layers = layers_of_frame(*first) if has_layers else None
-    return ModelTrainer(
-        head_with_surround(),
-        video,
-        gop,
-        background_of(*first) if layers is None else layers,
-        budget,
-        progressive,
-        workers=pacing.training_threads,
-        layer_updates=pacing.layer_updates,
-        encode_background=encode_background,
-        first_number=first_number,
-    )
+
+    video: VideoFormat
+    gop: GopStructure
+    budget: ModelBudget
+    progressive: bool
+    pacing: Pacing
+    encode_background: EncodeBackground = encoded_in_a_thread
+
+    def trainer(self, picture: Picture, points: Array, first_number: int = 0) -> ModelTrainer:
+        """The trainer of the person in a picture (h, w, 3) BGR.
+
+        points: their landmarks (468, 3), pixels.  first_number: see `ModelTrainer`.
+        """
+        first = picture, face_outline(points)
+        # A base layer has no room for two pictures.
+        has_layers = 0 in self.pacing.layer_updates and not self.progressive
+        layers = layers_of_frame(*first) if has_layers else None
+        return ModelTrainer(
+            head_with_surround(),
+            self.video,
+            self.gop,
+            background_of(*first) if layers is None else layers,
+            self.budget,
+            self.progressive,
+            workers=self.pacing.training_threads,
+            layer_updates=self.pacing.layer_updates,
+            encode_background=self.encode_background,
+            first_number=first_number,
+        )

@@ -107,10 +107,9 @@ class ModelTrainer:
         self,
         pictures: Sequence[Picture],
         points: Sequence[Array],
-        start_frame: int,
         share: float | None = None,
     ) -> ModelVersion:
-        """The first version, used from `start_frame` on: mean texture and background.
+        """The first version: mean texture and background.
 
         share: of the budget for a face that has been seen for long enough to have modes; None: it
             has not, and there are none.
@@ -121,7 +120,7 @@ class ModelTrainer:
         if self._progressive:
             # A call over a thin link waits for this: it takes no more than what fits.
             budget = replace(budget, background_bytes=0, appearance_bytes=FIRST_TEXTURE_BYTES)
-        version = self.train(budget, pictures, points, 0).placed_at(0, start_frame)
+        version = self.train(budget, pictures, points, 0)
         return self._base_layer_only(version) if self._progressive else version
 
     def follow(self, pictures: Sequence[Picture], points: Sequence[Array]) -> ModelVersion:

@@ -13,7 +13,7 @@ import numpy as np
 from encoder.capture.video_source import VideoFormat
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
-from encoder.live_model.call_trainer import trainer_from
+from encoder.live_model.call_trainer import CallTrainers
 from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.pacing import REAL_TIME
 from protocol.frames.scalar_quantiser import motion_from_pose, pose_from_motion
@@ -51,7 +51,8 @@ def version_of_picture(
         points = find(picture)
     if points is None:
         raise UserError("another face: no face is found in that picture")
-    trainer = trainer_from(picture, points, video, gop, budget, progressive=False, pacing=REAL_TIME)
+    trainers = CallTrainers(video, gop, budget, progressive=False, pacing=REAL_TIME)
+    trainer = trainers.trainer(picture, points)
     texture_bytes = int(TEXTURE_SHARE * budget.appearance_bytes)
     of_one = replace(budget, appearance_bytes=texture_bytes, max_modes=0)
     return trainer.train(of_one, [picture], [points], 0)

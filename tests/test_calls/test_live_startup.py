@@ -34,7 +34,9 @@ def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Path:
     return folder / "clip.mkv"
 
 
-def encoded(clip: Path, output: Path, startup: float, frames: int | None = None) -> EncodeReport:
+def encoded(
+    clip: Path, output: Path, startup: float, frames: int | None = None, wait_s: float = 0.0
+) -> EncodeReport:
     options = EncodeOptions(
         str(clip),
         output,
@@ -44,6 +46,7 @@ def encoded(clip: Path, output: Path, startup: float, frames: int | None = None)
         startup_bitrate=startup,
         model_bytes=MODEL_BYTES,
         max_frames=frames,
+        wait_for_peer_s=wait_s,
     )
     return encode(options, lambda done, total: None, lambda: False)
 
@@ -124,6 +127,15 @@ def test_frames_layers_and_models_keep_to_the_rate(call: Path) -> None:
     for first, end in combinations(range(2, len(slots) + 1), 2):
         assert sum(slots[first:end]) <= (end - first) * slot_bits + debt + 8 * 64
     assert max(slots[2:]) > slot_bits / 2
+
+
+def test_the_model_that_was_made_while_nobody_had_come_is_sent(call: Path, clip: Path) -> None:
+    """Of the first face: the same as without a wait."""
+    waited = clip.with_name("waited.rzo")
+    encoded(clip, waited, STARTUP, frames=2 * PACKED, wait_s=1)
+    count = len(raw_packets(waited)) - 2  # the last packets have fewer frames, and the end
+    assert count > 1
+    assert raw_packets(waited)[:count] == raw_packets(call)[:count]
 
 
 def test_a_live_call_in_layers_is_drawn(call: Path, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 from processes import LIMIT_S
@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_info, threadpool_limits  # type: ignore[imp
 from runtime.parallel import (
     SWITCH_INTERVAL_S,
     available_cores,
+    beside,
     one_blas_thread,
     parallel_map,
     prefetch,
@@ -44,6 +45,22 @@ def test_no_job_runs_after_the_block_of_a_worker_pool_has_failed() -> None:
         release.set()
         raise RuntimeError
     assert all(future.done() for future in futures)
+
+
+def test_work_beside_a_block_ends_with_it() -> None:
+    begun, before = threading.Event(), threading.active_count()
+
+    def work(busy: Callable[[], bool]) -> None:
+        begun.set()
+        while busy():
+            time.sleep(0)
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError), beside(work):
+        assert begun.wait(LIMIT_S)
+    with pytest.raises(RuntimeError), beside(work):
+        raise RuntimeError
+    assert threading.active_count() == before
 
 
 def test_a_worker_pool_shortens_the_switch_interval() -> None:

@@ -18,6 +18,7 @@ from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import BUDGETS
+from encoder.live_model.call_trainer import CallTrainers
 from encoder.live_model.learner import LocalLearner
 from encoder.live_model.other_face import ShownFace
 from encoder.live_model.pacing import UNPACED
@@ -49,9 +50,9 @@ def test_a_call_without_a_face_has_no_version_and_ends_once(tmp_path: Path) -> N
     stats, gop = SessionStats(), GopStructure()
     with open_source(str(tmp_path / "%d.png")) as capture, CallStreamWriter(io.BytesIO()) as sink:
         updates = ModelUpdateSender(PacketSender(sink, stats), stats, gop, 25.0)
-        budget, learner = BUDGETS["live"], LocalLearner()
+        trainers = CallTrainers(capture.format, gop, BUDGETS["live"], False, UNPACED)
         model = ModelLifecycle(
-            capture, gop, budget, updates, stats, learner, UNPACED, ShownFace(), CallEvents()
+            25.0, trainers, updates, stats, LocalLearner(), UNPACED, ShownFace(), CallEvents()
         )
         assert model.state is ModelState.SEARCHING
         with pytest.raises(ValueError, match="no face"):

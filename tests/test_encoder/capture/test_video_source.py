@@ -17,6 +17,7 @@ from av.video.reformatter import ColorPrimaries, Colorspace
 from encoder.capture.camera import why_not_opened
 from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import open_source
+from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
 CLIPS = Path(__file__).resolve().parents[4] / "shared" / "clips"
@@ -251,12 +252,13 @@ def camera() -> Iterator[str]:
 def test_frames_of_a_live_source_are_dropped_while_busy() -> None:
     with camera() as url, open_source(url) as capture:
         assert capture.is_live
-        busy = iter([True] * 40 + [False])
-        capture.drop_frames_while(lambda: next(busy))
+        busy, dropped = iter([True] * 40 + [False]), list[Picture]()
+        capture.drop_frames_while(lambda: next(busy), dropped.append)
         frames = iter(capture)
         found = [next(frames) for _ in range(3)]
     assert [index for index, _ in found] == [0, 1, 2]
     np.testing.assert_allclose([frame.mean() for _, frame in found], [40, 41, 42], atol=0.6)
+    np.testing.assert_allclose([frame.mean() for frame in dropped], range(1, 41), atol=0.6)
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def test_what_another_process_learns_is_what_this_one_learns(talking_clip: Path)
             progressive=False,
             workers=1,
         )
-    version = trainer.bootstrap(pictures[:1], [points], 0)
+    version = trainer.bootstrap(pictures[:1], [points])
     update = TrainingTask(0.3, pictures, [points] * len(pictures), 1)
     modes = ModesTask([version.sample(each, points) for each in pictures], 1200.0, 2)
     here, there = LocalLearner(), LearningProcess(failures.append)
@@ -102,7 +102,7 @@ def test_a_call_begins_without_the_learning_process(talking_clip: Path) -> None:
                 encode_background=lambda background, size: after,
             )
             points = frontal_landmarks(head_with_surround(), Camera(*size, max(size)))
-            version = trainer.bootstrap([picture], [points], 0)
+            version = trainer.bootstrap([picture], [points])
         finally:
             process.close()
     expected = image.encode(BUDGETS["live"].background_bytes)

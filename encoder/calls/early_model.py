@@ -1,0 +1,77 @@
+"""The first model of a call, made of what the camera shows while nobody has come yet.
+
+Whoever comes then sees a face sooner, by the time that finding it and training take.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from encoder.calls.face_search import open_landmark_search
+from encoder.calls.session_stats import SessionStats
+from encoder.capture.video_source import Capture, open_source
+from encoder.detection.iris import WIDE_CROP_SCALE
+from encoder.live_model.call_trainer import CallTrainers
+from encoder.live_model.model_trainer import ModelTrainer
+from encoder.live_model.model_version import ModelVersion
+from shared_model.arrays import Picture
+
+# From one look at the camera to the next: while it shows no face, and with a model, which is made
+# again so that person, place and light are those of now.  It takes .7 s of one core.
+LOOK_INTERVAL_S, REFRESH_INTERVAL_S = 1.0, 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EarlyModel:
+    """The first version of a call's model, and the trainer that has made it."""
+
+    trainer: ModelTrainer
+    version: ModelVersion
+
+
+class EarlyModelMaker:
+    """Looks at a source before its frames are encoded.
+
+    clock: seconds from any origin.
+    Raises `UserError` if the networks are missing.
+    """
+
+    def __init__(self, trainers: CallTrainers, clock: Callable[[], float] = time.monotonic) -> None:
+        self._trainers, self._clock = trainers, clock
+        # As a live call looks for its first face.
+        self._search = open_landmark_search(
+            SessionStats(), eye_crop_scale=WIDE_CROP_SCALE, in_real_time=True
+        )
+        self._model: EarlyModel | None = None
+        self._next_look_s = float("-inf")
+
+    @property
+    def model(self) -> EarlyModel | None:
+        """Of the newest picture that was looked at; None if it shows no face."""
+        return self._model
+
+    def watch(self, capture: Capture, busy: Callable[[], bool]) -> None:
+        """Drop the frames of a camera while `busy()`, and look at some of them."""
+        capture.drop_frames_while(busy, self._look_if_due)
+
+    def read(self, source: str, busy: Callable[[], bool]) -> None:
+        """Look at the frames of a file, opened for that alone, up to the first face."""
+        with open_source(source, square_pixels=True) as capture:
+            for _, picture in capture:
+                self._look(picture)
+                if self._model is not None or not busy():
+                    return
+
+    def _look_if_due(self, picture: Picture) -> None:
+        if picture.size and self._clock() >= self._next_look_s:
+            self._look(picture)
+            interval_s = LOOK_INTERVAL_S if self._model is None else REFRESH_INTERVAL_S
+            self._next_look_s = self._clock() + interval_s
+
+    def _look(self, picture: Picture) -> None:
+        found = self._search.find(picture, None)
+        if found is None:
+            self._model = None
+            return
+        trainer = self._trainers.trainer(picture, found.points)
+        self._model = EarlyModel(trainer, trainer.bootstrap([picture.copy()], [found.points]))
