@@ -11,11 +11,12 @@ from functools import partial
 import numpy as np
 
 from encoder.fitting.fit_results import IdentityFit
-from encoder.fitting.gauss_newton import Equations, gauss_newton
+from encoder.fitting.gauss_newton import Damping, Equations, Evaluation, levenberg_marquardt
 from encoder.fitting.increments import (
     FACE_PARAMETERS,
     RIGID,
     apply_identity_increment,
+    identity_room,
     shared_parameter_count,
 )
 from encoder.fitting.landmark_fit import (
@@ -52,8 +53,10 @@ RESIDUAL_SIGMA_MM = 2.0
 RESIDUAL_DEPTH_SIGMA_MM = 1.2
 # Of the logarithm of the focal length about that of a typical lens.
 LOG_FOCAL_PRIOR_SIGMA = 0.15
-# Gauss-Newton iterations from the generic identity, and from an initial one.
-ITERATIONS, ITERATIONS_FROM_INITIAL = 12, 4
+# Steps are not damped until one has raised the cost: where actuators move the face otherwise up
+# than down, full steps go to and fro.
+ITERATIONS = 12
+DAMPING = Damping(initial=0.0, least_after_increase=0.1, decrease=10.0)
 # Focal length of a webcam or a portrait lens, of the picture's longer side.
 TYPICAL_FOCAL_RATIO = 1.3
 
@@ -69,14 +72,13 @@ def fit_identity(
 ) -> IdentityFit:
     """Identity and focal length from all frames, with pose and actuators of each.
 
-    The steps are plain Gauss-Newton, a fixed number of them, and the matrix of the last one is the
-    information of the result.
+    Of one frame the matrix of its last equations is the information.
 
     size: (width, height) of the picture.  landmarks: one (468, 3) array a frame, pixels (z too).
     active: the actuators that will move later, None: all.  All others are fixed at rest, the brows
         nearly so, and the lips are constrained to meet at rest: the active actuators alone must be
         able to close a mouth that is open in the frames.
-    initial: identity from other frames of the same person; fewer iterations are made from there.
+    initial: identity from other frames of the same person.
     workers: see `parallel_map`.  sigma_ratio: see `LandmarkSource`.
     """
     eau_sigma = _eau_prior_sigma(active)
@@ -86,22 +88,28 @@ def fit_identity(
     frames = tuple(initial_parameters(personal, start.camera, points) for points in landmarks)
     fitted = IdentityFit(start.camera, start.identity, start.control_mm, frames)
 
-    def equations(fitted: IdentityFit) -> Equations:
+    def evaluate(fitted: IdentityFit) -> Evaluation:
         personal = personalise(model, fitted.identity.aau, fitted.control_mm)
         lips = None
         if active is not None:
             lips = lip_closure_constraints(
                 model.index, personal.neutral, model.neutral, model.aau, model.residual
             )
-        return _normal_equations(personal, fitted, landmarks, eau_sigma, lips, workers, sigma_ratio)
+        problem = personal, fitted, landmarks, eau_sigma, lips
+        return Evaluation(
+            _cost(*problem, sigma_ratio),
+            lambda: _normal_equations(*problem, workers, sigma_ratio),
+        )
 
-    fitted, normal = gauss_newton(
-        equations,
+    fitted, at = levenberg_marquardt(
+        evaluate,
         fitted,
         partial(apply_identity_increment, head),
-        ITERATIONS_FROM_INITIAL if initial else ITERATIONS,
+        DAMPING,
+        ITERATIONS,
+        room=identity_room,
     )
-    return replace(fitted, information=normal if len(frames) == 1 else None)
+    return replace(fitted, information=at.equations()[0] if len(frames) == 1 else None)
 
 
 def generic_identity(head: Head, size: tuple[int, int]) -> IdentityFit:
@@ -168,6 +176,27 @@ def _normal_equations(
     return normal, right
 
 
+def _cost(
+    model: LandmarkModel,
+    fitted: IdentityFit,
+    landmarks: Sequence[Array],
+    eau_sigma: Array,
+    lips: tuple[Array, Array] | None,
+    sigma_ratio: float,
+) -> float:
+    """Weighted sum of squares, with the priors; see `_normal_equations`."""
+    precision, deviation = _shared_prior(fitted)
+    cost = precision @ deviation**2
+    if lips is not None:
+        cost += lips[1] @ lips[1]
+    for face, points_px in zip(fitted.frames, landmarks, strict=True):
+        rotation = geometry.matrix_from_quaternion(face.pose.rotation)
+        points = rotated_points(model, rotation, face.eau)[0] + face.pose.translation_mm
+        error = _errors(model, fitted.camera, face, points, points_px, sigma_ratio)
+        cost += error @ error + ((face.eau / eau_sigma) ** 2).sum()
+    return float(cost)
+
+
 def _frame_equations(
     model: LandmarkModel,
     camera: Camera,
@@ -205,7 +234,6 @@ def _identity_jacobian(
     """Derivatives (n, 3 m) of one frame's weighted measurements by log f, AAUs, controls, w, t,
     EAUs, and their errors (3 m,).
     """
-    target, sigma_px = observed_points(model, points_px)
     rotation = geometry.matrix_from_quaternion(face.pose.rotation)
     rotated, derivatives = rotated_points(model, rotation, face.eau)
     points = rotated + face.pose.translation_mm
@@ -223,10 +251,29 @@ def _identity_jacobian(
     # The network's z, in pixels, relative to its mean, is weak evidence of depth.
     px_per_mm = camera.focal_px / depth_mm
     z_rows = (derivatives[:, 2] - derivatives[:, 2].mean(1, keepdims=True)) * px_per_mm
-    z_px = (points[:, 2] - points[:, 2].mean()) * px_per_mm
-    z_error = (target[:, 2] - target[:, 2].mean()) - z_px
-    weight = 1 / (sigma_ratio * sigma_px)
-    z_weight = weight * (LANDMARK_SIGMA / DEPTH_SIGMA)
+    weight, z_weight = _weights(observed_points(model, points_px)[1], sigma_ratio)
     rows = np.concatenate([(jacobian * weight).reshape(len(jacobian), -1), z_rows * z_weight], 1)
-    error = (target[:, :2] - predicted).T * weight
-    return rows, np.append(error, z_error * z_weight)
+    return rows, _errors(model, camera, face, points, points_px, sigma_ratio)
+
+
+def _errors(
+    model: LandmarkModel,
+    camera: Camera,
+    face: FaceParameters,
+    points: Array,
+    points_px: Array,
+    sigma_ratio: float,
+) -> Array:
+    """(3 m,) weighted errors of a face's points (m, 3), camera frame; see `_identity_jacobian`."""
+    target, sigma_px = observed_points(model, points_px)
+    weight, z_weight = _weights(sigma_px, sigma_ratio)
+    error = (target[:, :2] - geometry.pixel_from_camera(camera, points)).T * weight
+    z_px = (points[:, 2] - points[:, 2].mean()) * (camera.focal_px / face.pose.translation_mm[2])
+    z_error = (target[:, 2] - target[:, 2].mean()) - z_px
+    return np.append(error, z_error * z_weight)
+
+
+def _weights(sigma_px: float, sigma_ratio: float) -> tuple[float, float]:
+    """Of the errors of pixels, and of depths in pixels.  sigma_px: of a landmark."""
+    weight = 1 / (sigma_ratio * sigma_px)
+    return weight, weight * (LANDMARK_SIGMA / DEPTH_SIGMA)

@@ -106,6 +106,17 @@ def shared_parameter_count(fitted: IdentityFit) -> int:
     return 1 + len(AAUS) + fitted.control_mm.size
 
 
+def identity_room(fitted: IdentityFit) -> Room:
+    """How far each value of a step may go down and up, see `apply_identity_increment`."""
+    limits, aau = STEP_LIMITS[:RIGID], fitted.identity.aau
+    focal, control = np.array([LOG_FOCAL_LIMIT]), np.full(fitted.control_mm.size, np.inf)
+    down, up = [-focal, -AAU_LIMIT - aau, -control], [focal, AAU_LIMIT - aau, control]
+    for face in fitted.frames:
+        down += [-limits, LOW - face.eau]
+        up += [limits, HIGH - face.eau]
+    return np.concatenate(down), np.concatenate(up)
+
+
 def apply_identity_increment(head: Head, fitted: IdentityFit, step: Array) -> IdentityFit:
     """Add a step over log f, AAUs, x, y, z of each control, then w, t, EAUs of each frame.
 
