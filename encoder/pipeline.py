@@ -38,7 +38,7 @@ from encoder.live_model.call_trainer import CallTrainers
 from encoder.live_model.learner import LocalLearner
 from encoder.live_model.learning_process import LearningProcess
 from encoder.live_model.other_face import OtherFace, ShownFace, version_of_picture
-from encoder.live_model.pacing import pacing_of
+from encoder.live_model.pacing import Pacing, pacing_of
 from encoder.option_rules import check_delay
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
@@ -172,8 +172,7 @@ def encode_live(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = No
             callbacks.on_preparing("")
             _log.info("warmed up")
         # Whoever comes finds an encoder that is ready.
-        trainers = CallTrainers(capture.format, gop, budget, progressive=True, pacing=pacing)
-        early = _wait_beside_camera(run, sink, trainers)
+        early = _wait_for_peer_with_model(run, sink, budget, pacing)
         packets = run.packets(sink, _pacer(run, sink), voice)
         shown = _shown_face(callbacks.other_face, capture, gop, budget)
         session = LiveEncoder(
@@ -182,16 +181,21 @@ def encode_live(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = No
         run_session(session, packets, run)
 
 
-def _wait_beside_camera(
-    run: EncodeRun, sink: PacketSink, trainers: CallTrainers
+def _wait_for_peer_with_model(
+    run: EncodeRun, sink: PacketSink, budget: ModelBudget, pacing: Pacing
 ) -> EarlyModel | None:
-    """See `_wait_for_peer`; the model made meanwhile if it goes in layers, which the user tells."""
+    """See `_wait_for_peer`.  Returns the model that was made meanwhile.
+
+    None: the source shows no face, or cannot be looked at before; or the model may go whole, or is
+    trained from frames that wait.
+    """
     options, capture = run.options, run.capture
-    is_waiting = options.wait_for_peer_s > 0 and not is_pipe(options.source)
-    if options.startup_bitrate is None or not is_waiting:
+    is_layered = options.startup_bitrate is not None and not options.delay_s
+    if not (is_layered and options.wait_for_peer_s) or is_pipe(options.source):
         with dropping_frames(capture):
             _wait_for_peer(options, sink)
         return None
+    trainers = CallTrainers(capture.format, run.gop, budget, progressive=True, pacing=pacing)
     maker = EarlyModelMaker(trainers)
     look = partial(maker.watch, capture) if capture.is_live else partial(maker.read, options.source)
     with beside(look):

@@ -54,7 +54,7 @@ def prefetch(items: Iterator[Item]) -> Generator[Item, None, None]:
 def beside(work: Callable[[Callable[[], bool]], None]) -> Iterator[None]:
     """Run `work(busy)` in a thread beside the block; once that is left, `busy()` is false.
 
-    Leaving the block waits for the work, and raises what it has raised.
+    Leaving the block waits for the work, and raises what that has raised, unless the block raises.
     """
     left = threading.Event()
     with ThreadPoolExecutor(1) as executor:

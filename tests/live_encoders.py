@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from encoder.calls.early_model import EarlyModel
 from encoder.calls.live_session import LiveEncoder, LiveSettings
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
@@ -23,6 +24,7 @@ def live_encoder(
     waits_for_modes: bool = False,
     clock: Callable[[], float] = lambda: 0.0,
     learner: Learner | None = None,
+    early: EarlyModel | None = None,
 ) -> LiveEncoder:
     """An encoder of 800 bit/s.
 
@@ -36,5 +38,6 @@ def live_encoder(
         LiveSettings(budget_for("live", model_bytes), 800, gop_for_fps(capture.fps, None), 10),
         learner or LocalLearner(),
         pacing_of(capture.is_live, realtime, delay_s, waits_for_modes),
+        early=early,
         clock=clock,
     )

@@ -16,8 +16,8 @@ from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
 from shared_model.arrays import Picture
 
-# From one look at the camera to the next: while it shows no face, and with a model, which is made
-# again so that person, place and light are those of now.  It takes .7 s of one core.
+# From one look at the camera to the next: whoever leaves takes the model along.  And from one model
+# to the next, of the same face where it is now, in the light of now: it takes .7 s of one core.
 LOOK_INTERVAL_S, REFRESH_INTERVAL_S = 1.0, 10.0
 
 
@@ -38,16 +38,14 @@ class EarlyModelMaker:
 
     def __init__(self, trainers: CallTrainers, clock: Callable[[], float] = time.monotonic) -> None:
         self._trainers, self._clock = trainers, clock
-        # As a live call looks for its first face.
-        self._search = open_landmark_search(
-            SessionStats(), eye_crop_scale=WIDE_CROP_SCALE, in_real_time=True
-        )
+        # With the eyes of a live call, but there is time for the whole picture at once.
+        self._search = open_landmark_search(SessionStats(), eye_crop_scale=WIDE_CROP_SCALE)
         self._model: EarlyModel | None = None
-        self._next_look_s = float("-inf")
+        self._next_look_s = self._next_model_s = float("-inf")
 
     @property
     def model(self) -> EarlyModel | None:
-        """Of the newest picture that was looked at; None if it shows no face."""
+        """Of one of the newest pictures; None if the newest that was looked at shows no face."""
         return self._model
 
     def watch(self, capture: Capture, busy: Callable[[], bool]) -> None:
@@ -63,15 +61,15 @@ class EarlyModelMaker:
                     return
 
     def _look_if_due(self, picture: Picture) -> None:
-        if picture.size and self._clock() >= self._next_look_s:
+        if self._clock() >= self._next_look_s:
             self._look(picture)
-            interval_s = LOOK_INTERVAL_S if self._model is None else REFRESH_INTERVAL_S
-            self._next_look_s = self._clock() + interval_s
+            self._next_look_s = self._clock() + LOOK_INTERVAL_S
 
     def _look(self, picture: Picture) -> None:
-        found = self._search.find(picture, None)
+        found = self._search.find(picture, None) if picture.size else None
         if found is None:
             self._model = None
-            return
-        trainer = self._trainers.trainer(picture, found.points)
-        self._model = EarlyModel(trainer, trainer.bootstrap([picture.copy()], [found.points]))
+        elif self._model is None or self._clock() >= self._next_model_s:
+            trainer = self._trainers.trainer(picture, found.points)
+            self._model = EarlyModel(trainer, trainer.bootstrap([picture.copy()], [found.points]))
+            self._next_model_s = self._clock() + REFRESH_INTERVAL_S

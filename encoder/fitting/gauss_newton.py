@@ -1,7 +1,8 @@
 """The solvers of all least-squares fits: Gauss-Newton, plain and damped (Levenberg-Marquardt).
 
 Plain where the problem is nearly linear, so that every step can be taken without evaluating its
-cost: landmarks, coarse pictures.  Damped where pictures are compared in detail.
+cost: landmarks of one frame, coarse pictures.  Damped where pictures are compared in detail, and
+where a fit begins far away.
 """
 
 from collections.abc import Callable
@@ -67,8 +68,8 @@ def gauss_newton(
     iterations: int,
     min_decrease: float = -np.inf,
     room: Callable[[State], Room] | None = None,
-) -> tuple[State, Array]:
-    """The state after some Gauss-Newton steps, and the normal matrix (n, n) of the last one.
+) -> State:
+    """The state after some Gauss-Newton steps.
 
     equations: the normal equations at a state.
     apply_step: adds a step (n,) to a state.
@@ -83,7 +84,7 @@ def gauss_newton(
         state = apply_step(state, step)
         if step @ right < min_decrease:
             break
-    return state, normal
+    return state
 
 
 def levenberg_marquardt(

@@ -72,7 +72,7 @@ def fit_identity(
 ) -> IdentityFit:
     """Identity and focal length from all frames, with pose and actuators of each.
 
-    Of one frame the matrix of its last equations is the information.
+    Of one frame the normal matrix at the result is the information.
 
     size: (width, height) of the picture.  landmarks: one (468, 3) array a frame, pixels (z too).
     active: the actuators that will move later, None: all.  All others are fixed at rest, the brows

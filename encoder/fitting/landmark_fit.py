@@ -105,7 +105,7 @@ def fit_landmarks(
         return apply_clipped_increment(face, step)
 
     room = partial(actuator_room, active=fitted)
-    return gauss_newton(equations, start, moved, iterations, MIN_DECREASE, room)[0]
+    return gauss_newton(equations, start, moved, iterations, MIN_DECREASE, room)
 
 
 def initial_parameters(model: LandmarkModel, camera: Camera, points_px: Array) -> FaceParameters:

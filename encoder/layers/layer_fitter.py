@@ -194,7 +194,7 @@ class LayerFitter:
             return np.clip(coefficients + step, *self.limits.T)
 
         enough = MIN_DECREASE_GREY2 * frame.luma.size
-        return gauss_newton(equations, coefficients, moved, steps, enough)[0]
+        return gauss_newton(equations, coefficients, moved, steps, enough)
 
     def _doubted(self, coefficients: Array, frame: CoarseFrame, moves: Single) -> Array:
         """The coefficients, with a scene at rest unless its motion explains much of a frame.

@@ -55,7 +55,7 @@ def fit_scene_motion(scene: ScenePyramid, luma: Single, weight: Single) -> Array
     levels = zip(scene, _blurred_pictures(luma), (halved(weight), weight), strict=True)
     for (picture, slope), target, counted in levels:
         equations = partial(_equations, picture, slope, target, counted)
-        motion, _ = gauss_newton(equations, motion, np.add, STEPS)
+        motion = gauss_newton(equations, motion, np.add, STEPS)
     return motion
 
 

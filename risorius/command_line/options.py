@@ -45,7 +45,7 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         metavar="BPS",
         help="default profile: send the model in layers, a first one of 2 kB and the others between"
         " the frames, so that all packets together keep to BPS, above --bitrate; a link is then"
-        " not measured first, and with --live and --wait the first layer is made while nobody has"
+        " not measured first, and a live call with --wait makes its first layer while nobody has"
         " come (default: whole, at once; over a thin link as it was measured)",
     )
     parser.add_argument(

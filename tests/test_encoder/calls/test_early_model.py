@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from call_contents import packets_of
+from live_encoders import live_encoder
 
 from encoder.calls.early_model import (
     LOOK_INTERVAL_S,
@@ -13,12 +15,15 @@ from encoder.calls.early_model import (
     EarlyModel,
     EarlyModelMaker,
 )
-from encoder.capture.live_capture import FrameMailbox, LiveCapture
+from encoder.calls.session_stats import SessionStats
+from encoder.capture.live_capture import NO_PICTURE, FrameMailbox, LiveCapture
 from encoder.capture.video_source import VideoFormat, open_source
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import budget_for
 from encoder.live_model.call_trainer import CallTrainers
 from encoder.live_model.pacing import REAL_TIME
+from protocol.call_file import CallWriter
+from protocol.model_packet import ModelPacket
 from shared_model.arrays import Picture
 
 
@@ -61,7 +66,24 @@ def test_a_camera_is_looked_at_from_time_to_time(faces: list[Picture]) -> None:
     assert waiting.show(faces[1], soon) is first
     again = waiting.show(faces[1], LOOK_INTERVAL_S + REFRESH_INTERVAL_S)
     assert again is not None and again.version.packet.texture != first.version.packet.texture
-    assert waiting.show(nobody, LOOK_INTERVAL_S + 2 * REFRESH_INTERVAL_S) is None
+    later = 2 * LOOK_INTERVAL_S + REFRESH_INTERVAL_S
+    assert waiting.show(nobody, later) is None
+    # Whoever comes next has a model of their own.
+    assert waiting.show(faces[0], later + LOOK_INTERVAL_S) not in (None, first, again)
+    assert waiting.show(NO_PICTURE, later + 2 * LOOK_INTERVAL_S) is None
+
+
+def test_a_call_begins_with_it(faces: list[Picture], talking_clip: Path, tmp_path: Path) -> None:
+    early = Waiting(faces[0]).show(faces[1], 0.0)
+    assert early is not None
+    path = tmp_path / "call.rzo"
+    with open_source(str(talking_clip)) as capture, CallWriter(path) as sink:
+        encoder = live_encoder(capture, sink, SessionStats(), 6000, realtime=False, early=early)
+        encoder.frame(0, faces[0])
+        encoder.close()
+    first = packets_of(path)[0]
+    assert isinstance(first, ModelPacket)
+    assert first.texture == early.version.packet.texture and first.call.start_frame == 0
 
 
 def test_a_file_is_read_up_to_its_first_face(faces: list[Picture], talking_clip: Path) -> None:

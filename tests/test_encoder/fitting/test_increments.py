@@ -14,6 +14,7 @@ from encoder.fitting.increments import (
     apply_increment,
     apply_picture_step,
     identity_increment_between,
+    identity_room,
     shared_parameter_count,
 )
 from shared_model.geometry import pose_from_euler
@@ -45,6 +46,15 @@ def test_a_longer_lens_keeps_the_size_of_the_face() -> None:
     ]
     assert moved.camera.focal_px > 1.1 * PERSON.camera.focal_px
     np.testing.assert_allclose(*sizes)
+
+
+def test_a_step_within_its_room_is_taken_whole_and_a_longer_one_is_not() -> None:
+    for end in identity_room(PERSON):
+        step = np.where(np.isfinite(end), end, np.sign(end))
+        moved = apply_identity_increment(HEAD, PERSON, step)
+        np.testing.assert_allclose(identity_increment_between(PERSON, moved), step, atol=1e-9)
+        longer = apply_identity_increment(HEAD, PERSON, np.where(np.isfinite(end), 1.1 * end, step))
+        np.testing.assert_allclose(identity_increment_between(PERSON, longer), step, atol=1e-9)
 
 
 def test_a_long_rotation_is_clipped_and_a_short_one_is_not() -> None:

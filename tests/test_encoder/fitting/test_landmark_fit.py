@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from heads import seen_points
 
+from encoder.fitting import identity
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity
 from encoder.fitting.landmark_fit import (
@@ -171,6 +172,21 @@ def test_several_frames_determine_the_identity(head: Head) -> None:
     left = np.linalg.norm((found_face - truth_face)[points], axis=1)
     before = np.linalg.norm((generic - truth_face)[points], axis=1)
     assert np.sqrt((left**2).mean()) < 0.6 * np.sqrt((before**2).mean())
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_an_identity_is_found_within_the_steps(
+    head: Head, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """Where actuators rest, at which they begin to move the face otherwise: one more step
+    changes nothing."""
+    aau = np.random.default_rng(seed).uniform(-0.5, 0.5, len(AAUS))
+    seen = [seen_points(head, CAMERA, a_face(-10, 5, 3), aau, noise_px=0.5)]
+    fitted = fit_identity(head, (640, 480), seen)
+    monkeypatch.setattr(identity, "ITERATIONS", identity.ITERATIONS + 1)
+    longer = fit_identity(head, (640, 480), seen)
+    assert np.array_equal(fitted.control_mm, longer.control_mm)
+    assert np.array_equal(fitted.frames[0].eau, longer.frames[0].eau)
 
 
 def test_the_number_of_threads_changes_no_identity(head: Head) -> None:
