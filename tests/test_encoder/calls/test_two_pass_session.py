@@ -66,10 +66,10 @@ class Clip:
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Clip:
     folder = tmp_path_factory.mktemp("clip")
-    report = draw(folder / "frame%03d.png", talking(FRAMES / FPS, FPS, 161, 121, smile=0.5))
+    report = draw(folder / "frame%03d.png", talking(FRAMES / FPS, FPS, 241, 181))
     for index in (*range(START), *LOST):
         path = str(folder / f"frame{index:03d}.png")
-        cv2.imwrite(path, np.full((121, 161, 3), 90, np.uint8))
+        cv2.imwrite(path, np.full((181, 241, 3), 90, np.uint8))
     truth = json.loads(report.truth.read_text())["frames"]
     assert len(truth) == FRAMES
     return Clip(str(folder / "frame%03d.png"), truth)
@@ -162,7 +162,7 @@ def test_the_decoded_video_is_near_where_there_is_a_face(
     assert FRAMES - START - 8 <= quality.face_frames + len(LOST) <= FRAMES - START
     assert quality.face_psnr_db is not None and quality.face_psnr_db > 30
     first = cv2.imread(pattern % 0)
-    assert first is not None and first.shape == (121, 161, 3)
+    assert first is not None and first.shape == (181, 241, 3)
 
 
 def test_the_rate_is_kept(call: Path) -> None:
