@@ -17,7 +17,7 @@ from functools import partial
 
 from encoder.calls.call_events import CallEvents
 from encoder.calls.call_session import CallSession, FramePass, RecordedPass, run_pass
-from encoder.calls.early_model import EarlyModel, EarlyModelMaker
+from encoder.calls.early_model import EarlyModelMaker
 from encoder.calls.face_search import open_landmark_search
 from encoder.calls.frame_source import FrameSource, dropping_frames
 from encoder.calls.live_session import LiveEncoder, LiveSettings
@@ -34,7 +34,7 @@ from encoder.coding.gop import GopStructure, gop_for_fps
 from encoder.coding.model_packet import ModelBudget, budget_for
 from encoder.coding.pacer import MIN_FRAGMENT_BYTES, LayerPacer
 from encoder.coding.thin_link import LAYER_BYTES, THIN_BPS, startup_rate
-from encoder.live_model.call_trainer import CallTrainers
+from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import LocalLearner
 from encoder.live_model.learning_process import LearningProcess
 from encoder.live_model.other_face import OtherFace, ShownFace, version_of_picture
@@ -183,7 +183,7 @@ def encode_live(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = No
 
 def _wait_for_peer_with_model(
     run: EncodeRun, sink: PacketSink, budget: ModelBudget, pacing: Pacing
-) -> EarlyModel | None:
+) -> FirstModel | None:
     """See `_wait_for_peer`.  Returns the model that was made meanwhile.
 
     None: the source shows no face, or cannot be looked at before; or the model may go whole, or is

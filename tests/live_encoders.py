@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 
-from encoder.calls.early_model import EarlyModel
 from encoder.calls.live_session import LiveEncoder, LiveSettings
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
 from encoder.coding.gop import gop_for_fps
 from encoder.coding.model_packet import budget_for
+from encoder.live_model.call_trainer import FirstModel
 from encoder.live_model.learner import Learner, LocalLearner
 from encoder.live_model.pacing import pacing_of
 from protocol.link.interface import PacketSink
@@ -24,11 +24,12 @@ def live_encoder(
     waits_for_modes: bool = False,
     clock: Callable[[], float] = lambda: 0.0,
     learner: Learner | None = None,
-    early: EarlyModel | None = None,
+    early: FirstModel | None = None,
 ) -> LiveEncoder:
     """An encoder of 800 bit/s.
 
     learner: None: what it learns is there at once.
+    early: see `LiveEncoder`.
     clock: by which it may be late; one that stands still unless it is given.
     """
     return LiveEncoder(

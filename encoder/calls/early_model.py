@@ -5,28 +5,17 @@ Whoever comes then sees a face sooner, by the time that finding it and training 
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from encoder.calls.face_search import open_landmark_search
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture, open_source
 from encoder.detection.iris import WIDE_CROP_SCALE
-from encoder.live_model.call_trainer import CallTrainers
-from encoder.live_model.model_trainer import ModelTrainer
-from encoder.live_model.model_version import ModelVersion
+from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from shared_model.arrays import Picture
 
 # From one look at the camera to the next: whoever leaves takes the model along.  And from one model
 # to the next, of the same face where it is now, in the light of now: it takes .7 s of one core.
 LOOK_INTERVAL_S, REFRESH_INTERVAL_S = 1.0, 10.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EarlyModel:
-    """The first version of a call's model, and the trainer that has made it."""
-
-    trainer: ModelTrainer
-    version: ModelVersion
 
 
 class EarlyModelMaker:
@@ -40,11 +29,11 @@ class EarlyModelMaker:
         self._trainers, self._clock = trainers, clock
         # With the eyes of a live call, but there is time for the whole picture at once.
         self._search = open_landmark_search(SessionStats(), eye_crop_scale=WIDE_CROP_SCALE)
-        self._model: EarlyModel | None = None
+        self._model: FirstModel | None = None
         self._next_look_s = self._next_model_s = float("-inf")
 
     @property
-    def model(self) -> EarlyModel | None:
+    def model(self) -> FirstModel | None:
         """Of one of the newest pictures; None if the newest that was looked at shows no face."""
         return self._model
 
@@ -70,6 +59,5 @@ class EarlyModelMaker:
         if found is None:
             self._model = None
         elif self._model is None or self._clock() >= self._next_model_s:
-            trainer = self._trainers.trainer(picture, found.points)
-            self._model = EarlyModel(trainer, trainer.bootstrap([picture.copy()], [found.points]))
+            self._model = self._trainers.first_model([picture.copy()], [found.points])
             self._next_model_s = self._clock() + REFRESH_INTERVAL_S

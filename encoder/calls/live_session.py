@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 from encoder.calls.call_events import CallEvents
 from encoder.calls.caller_search import CallerSearch
-from encoder.calls.early_model import EarlyModel
 from encoder.calls.face_search import warn_of_long_search
 from encoder.calls.frame_between import Between, FrameBetween, may_lack_landmarks
 from encoder.calls.frame_source import FrameDelay, SeenFrame
@@ -28,7 +27,7 @@ from encoder.coding.model_packet import ModelBudget
 from encoder.coding.rate_control import OnlineRateController, RateTarget
 from encoder.learning.absence import AbsenceWatch
 from encoder.learning.face_sample import FaceSample
-from encoder.live_model.call_trainer import CallTrainers
+from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import Learner
 from encoder.live_model.other_face import ShownFace
 from encoder.live_model.pacing import Pacing
@@ -72,7 +71,7 @@ class LiveEncoder:
         pacing: Pacing,
         shown: ShownFace | None = None,
         events: CallEvents | None = None,
-        early: EarlyModel | None = None,
+        early: FirstModel | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         gop, events = settings.gop, events or CallEvents()

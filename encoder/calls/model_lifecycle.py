@@ -14,14 +14,13 @@ from concurrent.futures import Future
 from dataclasses import replace
 
 from encoder.calls.call_events import CallEvents
-from encoder.calls.early_model import EarlyModel
 from encoder.calls.model_states import ModelEvent, ModelState, ModelStates
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.session_stats import SessionStats
 from encoder.learning.face_sample import FaceSample
 from encoder.learning.incremental_modes import LearnedMode
 from encoder.learning.mode_scheduler import ModeScheduler
-from encoder.live_model.call_trainer import CallTrainers
+from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import Learner, ModesTask, TrainingTask
 from encoder.live_model.model_schedule import ModelSchedule
 from encoder.live_model.model_version import ModelVersion
@@ -55,7 +54,7 @@ class ModelLifecycle:
         pacing: Pacing,
         shown: ShownFace,
         events: CallEvents,
-        early: EarlyModel | None = None,
+        early: FirstModel | None = None,
     ) -> None:
         self._fps, self._trainers, self._early = fps, trainers, early
         self._updates, self._stats, self._shown = updates, stats, shown
@@ -130,13 +129,11 @@ class ModelLifecycle:
         self._start_modes(version)
         self._states.on(ModelEvent.FIRST_SENT)
 
-    def _train_first(self) -> EarlyModel:
-        pictures, points = self._frames.sample()
-        trainer = self._trainers.trainer(pictures[0], points[0])
+    def _train_first(self) -> FirstModel:
         # In real time, and on a thin link, an update brings what takes long.
         is_hurried = self._pacing.in_real_time or self._updates.progressive
         share = self._schedule.first_share(0 if is_hurried else self._faces)
-        return EarlyModel(trainer, trainer.bootstrap(pictures, points, share))
+        return self._trainers.first_model(*self._frames.sample(), share)
 
     def learn_modes(self, index: int, sample: Callable[[], FaceSample], may_start: bool) -> bool:
         """Learn modes from source frame `index`, and send those that are learned.

@@ -1,5 +1,6 @@
 """The trainers of a live call's models: each begins with the first picture of a person."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from encoder.capture.video_source import VideoFormat
@@ -9,9 +10,18 @@ from encoder.coding.model_packet import ModelBudget
 from encoder.detection.landmark_indices import face_outline
 from encoder.layers.layer_learning import layers_of_frame
 from encoder.live_model.model_trainer import ModelTrainer
+from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.pacing import Pacing
 from shared_model.arrays import Array, Picture
 from shared_model.surround import head_with_surround
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FirstModel:
+    """The first version of a person's model, and the trainer that has made it."""
+
+    trainer: ModelTrainer
+    version: ModelVersion
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,3 +59,10 @@ class CallTrainers:
             encode_background=self.encode_background,
             first_number=first_number,
         )
+
+    def first_model(
+        self, pictures: Sequence[Picture], points: Sequence[Array], share: float | None = None
+    ) -> FirstModel:
+        """The model that a call begins with; see `ModelTrainer.bootstrap`."""
+        trainer = self.trainer(pictures[0], points[0])
+        return FirstModel(trainer, trainer.bootstrap(pictures, points, share))

@@ -12,7 +12,6 @@ from live_encoders import live_encoder
 from encoder.calls.early_model import (
     LOOK_INTERVAL_S,
     REFRESH_INTERVAL_S,
-    EarlyModel,
     EarlyModelMaker,
 )
 from encoder.calls.session_stats import SessionStats
@@ -20,7 +19,7 @@ from encoder.capture.live_capture import NO_PICTURE, FrameMailbox, LiveCapture
 from encoder.capture.video_source import VideoFormat, open_source
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import budget_for
-from encoder.live_model.call_trainer import CallTrainers
+from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.pacing import REAL_TIME
 from protocol.call_file import CallWriter
 from protocol.model_packet import ModelPacket
@@ -41,7 +40,7 @@ class Waiting:
         self._mailbox.put(face, 0.0)
         self._capture = LiveCapture("camera", self._mailbox, Fraction(25))
 
-    def show(self, picture: Picture, now_s: float) -> EarlyModel | None:
+    def show(self, picture: Picture, now_s: float) -> FirstModel | None:
         """The model after the camera has shown a picture."""
         self.now_s = now_s
         self._mailbox.put(picture, now_s)
