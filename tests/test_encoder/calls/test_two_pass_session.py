@@ -123,6 +123,18 @@ def test_the_face_moves_as_it_was_drawn(call: Path, clip: Clip) -> None:
     assert np.abs(yaw - true_yaw - np.median(yaw - true_yaw)).max() < 2.5
 
 
+def test_a_smile_is_seen_beside_speech(tmp_path: Path, networks: Path) -> None:
+    pattern = tmp_path / "frame%03d.png"
+    report = draw(pattern, talking(FRAMES / FPS, FPS, 161, 121, smile=0.5))
+    smiling = Clip(str(pattern), json.loads(report.truth.read_text())["frames"])
+    encode(smiling, tmp_path / "call.rzo")
+    corners = EAU_INDEX["mouth_corners"]
+    found = {int(sample.timestamp): sample for sample in samples(tmp_path / "call.rzo")}
+    seen = [sample.face.eau[corners] for sample in found.values()]
+    drawn = [smiling.truth[frame]["eau"][corners] for frame in found]
+    assert np.corrcoef(seen, drawn)[0, 1] > 0.95
+
+
 def test_how_many_frames_had_no_face_is_said(call: Path) -> None:
     stderr = call.with_name("stderr.txt").read_text()
     (told,) = re.findall(rf"no face in (\d+) of {FRAMES} frames", stderr)
