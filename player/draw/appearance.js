@@ -132,10 +132,8 @@ export class Appearance {
     const { added, texture } = this;
     const { mean, limits, lids } = this.mean;
     added.fill(0);
-    for (const [k, mode] of this.modes.entries()) {
-      const coefficient = modes[k] ?? 0;
-      if (coefficient) for (let i = 0; i < added.length; i++) added[i] += coefficient * mode[i];
-    }
+    for (let k = 0; k < this.modes.length; k += 4)
+      addModes(this.modes.slice(k, k + 4), modes.slice(k, k + 4), added);
     if (limits && modes.length) {
       limitColours(limits, mean, added, texture);
     } else {
@@ -151,5 +149,19 @@ export class Appearance {
         LIDS.map((lid) => eau[lid]),
       );
     return texture;
+  }
+}
+
+/**
+ * Add up to four modes times their coefficients: at once, since each pass over a texture takes time.
+ * @param {Float32Array[]} modes
+ * @param {Float64Array} coefficients as many, or fewer
+ * @param {Float32Array} added written
+ */
+function addModes(modes, coefficients, added) {
+  const [first, second = first, third = first, fourth = first] = modes;
+  const [a = 0, b = 0, c = 0, d = 0] = coefficients;
+  for (let i = 0; i < added.length; i++) {
+    added[i] += a * first[i] + b * second[i] + c * third[i] + d * fourth[i];
   }
 }

@@ -20,6 +20,11 @@ import { unseenStrips } from "./unseen_strips.js";
 /** Where a camera shows what it never has the scene is as blurred as can be from here on. */
 const UNSEEN_FADE = 0.05;
 
+/** Depths of the layers, behind all of the head: what is hidden is not drawn at all. */
+const PERSON_DEPTH = 0.995;
+const UNSEEN_DEPTH = 0.996;
+const SCENE_DEPTH = 0.997;
+
 /** Draws the layers behind the head. */
 export class BackgroundPass {
   /**
@@ -96,14 +101,26 @@ export class BackgroundPass {
     this.change.use();
     gl.activeTexture(gl.TEXTURE0);
     writeBuffer(gl, this.grid, Float32Array.from(gridPx));
+    gl.enable(gl.DEPTH_TEST);
+    this.#drawPerson(0, this.solid);
     this.drawScene(corners);
+    if (this.layers.length > 1) gl.enable(gl.BLEND);
+    this.#drawPerson(this.solid, this.count);
+    for (const what of [gl.BLEND, gl.DEPTH_TEST]) gl.disable(what);
+  }
+
+  /**
+   * Draw triangles of the person.
+   * @param {number} first of their indices
+   * @param {number} end
+   */
+  #drawPerson(first, end) {
+    const { gl } = this;
     this.program.use();
+    this.program.set("depth", PERSON_DEPTH);
     this.textures[0].use();
     gl.bindVertexArray(this.mesh);
-    gl.drawElements(gl.TRIANGLES, this.solid, gl.UNSIGNED_INT, 0);
-    if (this.layers.length > 1) gl.enable(gl.BLEND);
-    gl.drawElements(gl.TRIANGLES, this.count - this.solid, gl.UNSIGNED_INT, 4 * this.solid);
-    gl.disable(gl.BLEND);
+    gl.drawElements(gl.TRIANGLES, end - first, gl.UNSIGNED_INT, 4 * first);
   }
 
   /**
@@ -130,6 +147,7 @@ export class BackgroundPass {
     const places = corners ?? PICTURE_CORNERS;
     writeBuffer(gl, this.corners, Float32Array.from(places));
     this.program.use();
+    this.program.set("depth", SCENE_DEPTH);
     texture.use();
     gl.bindVertexArray(this.scene);
     gl.drawElements(gl.TRIANGLE_STRIP, 4, gl.UNSIGNED_INT, 0);
@@ -149,12 +167,13 @@ export class BackgroundPass {
     this.hasMipmaps = true;
     const program = programOf(gl, UNSEEN_SCENE);
     this.#use(program);
+    program.set("depth", UNSEEN_DEPTH);
     program.set("fade", UNSEEN_FADE);
     this.unseenScene ??= this.#sceneArray(program);
     gl.bindVertexArray(this.unseenScene);
     gl.enable(gl.SCISSOR_TEST);
     for (const [left, top, width, height] of strips) {
-      gl.scissor(left, top, width, height);
+      gl.scissor(left, this.size[1] - top - height, width, height);
       gl.drawElements(gl.TRIANGLE_STRIP, 4, gl.UNSIGNED_INT, 0);
     }
     gl.disable(gl.SCISSOR_TEST);

@@ -201,48 +201,57 @@ export class Texture {
   }
 }
 
-/** A picture that is drawn into. */
-export class Target {
-  /**
-   * @param {WebGL2RenderingContext} gl
-   * @param {number} width
-   * @param {number} height
-   */
-  constructor(gl, width, height) {
+/** The picture on a canvas, which has its size: WebGL's first row is the bottom one. */
+export class CanvasPicture {
+  /** @param {WebGL2RenderingContext} gl */
+  constructor(gl) {
     this.gl = gl;
-    this.width = width;
-    this.height = height;
-    this.colour = new Texture(gl, width, height);
-    this.framebuffer = gl.createFramebuffer();
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
-    const { COLOR_ATTACHMENT0, TEXTURE_2D } = gl;
-    gl.framebufferTexture2D(gl.FRAMEBUFFER, COLOR_ATTACHMENT0, TEXTURE_2D, this.colour.texture, 0);
-    const depth = gl.createRenderbuffer();
-    gl.bindRenderbuffer(gl.RENDERBUFFER, depth);
-    gl.renderbufferStorage(gl.RENDERBUFFER, gl.DEPTH_COMPONENT24, width, height);
-    gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.RENDERBUFFER, depth);
+    /** @type {Texture | null} what is written to it; made when it is needed */
+    this.written = null;
   }
 
   /** Draw into it from now on. */
   use() {
-    this.gl.bindFramebuffer(this.gl.FRAMEBUFFER, this.framebuffer);
-    this.gl.viewport(0, 0, this.width, this.height);
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
   }
 
   /** Its pixels (height, width, 4). */
   read() {
-    const { gl, width, height } = this;
-    const pixels = new Uint8ClampedArray(4 * width * height);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
-    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(pixels.buffer));
-    return pixels;
+    const { gl } = this;
+    const { drawingBufferWidth: width, drawingBufferHeight: height } = gl;
+    const pixels = new Uint8Array(4 * width * height);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    const turned = new Uint8ClampedArray(pixels.length);
+    for (let row = 0; row < height; row++) {
+      const from = 4 * width * (height - 1 - row);
+      turned.set(pixels.subarray(from, from + 4 * width), 4 * width * row);
+    }
+    return turned;
   }
 
-  /** Show it on the canvas, whose first row is the last one of WebGL. */
-  show() {
-    const { gl, width, height } = this;
-    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.framebuffer);
-    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+  /**
+   * Replace it.
+   * @param {Uint8ClampedArray} pixels (height, width, 4)
+   */
+  write(pixels) {
+    const { gl } = this;
+    const { drawingBufferWidth: width, drawingBufferHeight: height } = gl;
+    this.written ??= new Texture(gl, width, height);
+    this.written.write(pixels);
+    const framebuffer = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, framebuffer);
+    const { COLOR_ATTACHMENT0, TEXTURE_2D } = gl;
+    const { texture } = this.written;
+    gl.framebufferTexture2D(gl.READ_FRAMEBUFFER, COLOR_ATTACHMENT0, TEXTURE_2D, texture, 0);
     gl.blitFramebuffer(0, 0, width, height, 0, height, width, 0, gl.COLOR_BUFFER_BIT, gl.NEAREST);
+    gl.deleteFramebuffer(framebuffer);
+    this.use();
+  }
+
+  /** Free what it holds. */
+  close() {
+    this.written?.close();
   }
 }

@@ -1,5 +1,5 @@
 import { BackgroundPass } from "./background_pass.js";
-import { programOf, Target } from "./gl.js";
+import { CanvasPicture, programOf } from "./gl.js";
 import { HeadPass } from "./head_pass.js";
 import { BACKGROUND, EDGE, HEAD } from "./shaders.js";
 
@@ -18,10 +18,7 @@ const NEAR_MM = 10;
 const COARSE_TEXELS_PER_PX = 3;
 const ATLAS_MM = 200;
 
-/**
- * Draws a head over its background, upside down: the first row of WebGL, the bottom one, is the
- * picture's top row.
- */
+/** Draws a head over its background, on the canvas. */
 export class Renderer {
   /**
    * @param {WebGL2RenderingContext} gl whose canvas has the size of the pictures
@@ -33,10 +30,9 @@ export class Renderer {
   constructor(gl, head, mesh, pictures, textureSize) {
     const { width, height } = mesh.camera;
     this.gl = gl;
-    this.target = new Target(gl, width, height);
+    this.picture = new CanvasPicture(gl);
     this.background = new BackgroundPass(gl, pictures, mesh);
     this.head = new HeadPass(gl, head, width, height, textureSize);
-    gl.frontFace(gl.CW);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     gl.clearColor(0, 0, 0, 1);
   }
@@ -62,13 +58,13 @@ export class Renderer {
   }
 
   #clear() {
-    this.target.use();
+    this.picture.use();
     this.gl.clear(this.gl.COLOR_BUFFER_BIT | this.gl.DEPTH_BUFFER_BIT);
   }
 
   /** The pixels (height, width, 4) of the picture drawn last. */
   read() {
-    return this.target.read();
+    return this.picture.read();
   }
 
   /**
@@ -76,19 +72,14 @@ export class Renderer {
    * @param {Uint8ClampedArray} pixels (height, width, 4)
    */
   write(pixels) {
-    this.target.colour.write(pixels);
-  }
-
-  /** Show the picture drawn last on the canvas. */
-  show() {
-    this.target.show();
+    this.picture.write(pixels);
   }
 
   /** Free the textures. */
   close() {
     this.background.close();
     this.head.close();
-    this.target.colour.close();
+    this.picture.close();
   }
 }
 

@@ -54,7 +54,7 @@ export class Scene {
   }
 
   /**
-   * Draw a frame; `show` puts it on the canvas.
+   * Draw a frame on the canvas.
    * @param {Pick<PlayoutFrame, "face" | "index" | "residual" | "presence">} frame
    */
   draw({ face, index, residual, presence }) {
@@ -133,11 +133,6 @@ export class Scene {
   setAppearance({ mean, modes }) {
     this.appearance.mean = mean;
     this.appearance.modes = modes;
-  }
-
-  /** Show the frame drawn last on the canvas. */
-  show() {
-    this.renderer.show();
   }
 
   /** The pixels (height, width, 4) of the frame drawn last. */

@@ -1,6 +1,8 @@
 // The programs of `decoder/shaders`, in the language of WebGL 2.
 
 const HEADER = "#version 300 es\nprecision highp float;\n";
+/** Positions are those of a picture, whose first row is at its top. */
+const UPWARDS = "gl_Position.y = -gl_Position.y;";
 
 /** The head in its texture; transparent skin hides the inside by its depth. */
 export const HEAD = {
@@ -21,6 +23,7 @@ void main() {
     opacity = vertex_opacity;
     light = texture_is_shaded ? 1.0 : teeth_falloff * mix(1.0, mouth_shading, inside_mouth);
     gl_Position = clip_from_head * vec4(position_mm, 1.0);
+    ${UPWARDS}
 }`,
   // The bias is - log2(COARSE_TEXELS_PER_PX) of renderer.js.
   fragment: `${HEADER}
@@ -38,7 +41,7 @@ void main() {
 export const EDGE = {
   vertex: `${HEADER}
 uniform bool behind_head;
-const float far_depth = 0.99999;
+const float far_depth = 0.99;
 in vec3 position_clip;
 in vec2 texture_coordinate;
 in float vertex_opacity;
@@ -54,6 +57,7 @@ void main() {
     light = vertex_light;
     distance_px = vertex_distance_px;
     gl_Position = vec4(position_clip.xy, behind_head ? far_depth : position_clip.z, 1.0);
+    ${UPWARDS}
 }`,
   fragment: `${HEADER}
 uniform sampler2D atlas;
@@ -71,12 +75,14 @@ void main() {
 
 const BACKGROUND_VERTEX = `${HEADER}
 uniform vec2 picture_px;
+uniform float depth;
 in vec2 position_px;
 in vec2 texture_coordinate;
 out vec2 uv;
 void main() {
     uv = texture_coordinate;
-    gl_Position = vec4((2.0 * position_px + 1.0) / picture_px - 1.0, 0.0, 1.0);
+    gl_Position = vec4((2.0 * position_px + 1.0) / picture_px - 1.0, depth, 1.0);
+    ${UPWARDS}
 }`;
 
 const LAYER = `${HEADER}

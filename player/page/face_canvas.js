@@ -26,7 +26,7 @@ export class FaceCanvas {
    */
   constructor(canvas, data, worker, kept = KEPT_MODELS) {
     this.canvas = canvas;
-    const options = { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true };
+    const options = { alpha: false, antialias: false, preserveDrawingBuffer: true };
     this.gl = /** @type {WebGL2RenderingContext | null} */ (canvas.getContext("webgl2", options));
     const arrays = readDataFile(data);
     this.heads = new Heads(arrays);
@@ -124,7 +124,6 @@ export class FaceCanvas {
     }
     this.scene.setAppearance(pictures);
     this.#drawFrame(this.scene, frame);
-    this.scene.show();
     return true;
   }
 

@@ -42,6 +42,8 @@ function* steps({ gl, filters, heads }) {
     scene.draw({ face: referenceFace(model), index: 0, residual: null, presence: 1 });
     // Waits for the shaders.
     scene.read();
+    // Before anybody sees it.
+    gl.clear(gl.COLOR_BUFFER_BIT);
   } finally {
     scene.close();
   }
