@@ -14,7 +14,8 @@ NOT_COVERED := protocol/link/zenoh_direction.py,protocol/link/zenoh_link.py,prot
 PYTEST := $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 PACKAGES := runtime shared_model protocol encoder decoder aam loopback risorius
 # Containers often switch bytecode off: each process that a test starts, and each worker, then
-# compiles all modules again.
+# compiles all modules again.  That of packages is written as they are imported, not of all that is
+# installed: pip takes as long for it as for the rest.
 export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: player test-player install judge figures bench check dist dist-check demo test test-protocol test-packages coverage lint format lock clean
@@ -24,7 +25,7 @@ install: $(COMPILED)
 $(INSTALLED): requirements.lock pyproject.toml scripts/system_libraries.sh
 	sh scripts/system_libraries.sh $(PYTHON)
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --require-hashes --no-deps -r requirements.lock
+	$(BIN)/python -m pip install --quiet --no-compile --require-hashes --no-deps -r requirements.lock
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
@@ -41,8 +42,9 @@ judge: $(JUDGE)
 
 $(JUDGE): requirements-judge.txt scripts/install_recogniser.sh
 	$(PYTHON) -m venv --clear .judge
-	.judge/bin/python -m pip install --quiet --no-deps -r requirements-judge.txt
+	.judge/bin/python -m pip install --quiet --no-compile --no-deps -r requirements-judge.txt
 	sh scripts/install_recogniser.sh .judge
+	.judge/bin/python -c "import mediapipe"
 	touch $@
 
 demo: $(COMPILED)

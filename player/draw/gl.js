@@ -210,10 +210,9 @@ export class CanvasPicture {
     this.written = null;
   }
 
-  /** Draw into it from now on. */
+  /** Draw on all of it from now on. */
   use() {
     const { gl } = this;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
   }
 
@@ -247,7 +246,6 @@ export class CanvasPicture {
     gl.framebufferTexture2D(gl.READ_FRAMEBUFFER, COLOR_ATTACHMENT0, TEXTURE_2D, texture, 0);
     gl.blitFramebuffer(0, 0, width, height, 0, height, width, 0, gl.COLOR_BUFFER_BIT, gl.NEAREST);
     gl.deleteFramebuffer(framebuffer);
-    this.use();
   }
 
   /** Free what it holds. */
