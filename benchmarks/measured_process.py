@@ -8,11 +8,15 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
+
 from benchmarks.command import PROGRAM
 from shared_model.errors import UserError
 
 Process = subprocess.Popen[str]
 POLL_S = 0.05
+# The place of idle time in a line of `/proc/stat`, and its least share on an idle machine.
+IDLE, MOSTLY = 3, 0.9
 
 
 def start_module(stack: ExitStack, module: str, *arguments: object) -> Process:
@@ -63,6 +67,25 @@ def cpu_s(pid: int) -> float:
     """CPU time of a process so far, seconds (Linux); also of one that has just ended."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def wait_until_idle(limit_s: float) -> bool:
+    """Wait until nothing takes the processors (Linux); whether it is so after so many seconds."""
+    before = np.array(_processor_times())
+
+    def is_idle() -> bool:
+        nonlocal before
+        time.sleep(POLL_S)
+        now = np.array(_processor_times())
+        spent, before = now - before, now
+        return bool(spent[IDLE] >= MOSTLY * spent.sum() > 0)
+
+    return holds_within(is_idle, limit_s)
+
+
+def _processor_times() -> list[int]:
+    """Of all processors together, of each kind, in ticks."""
+    return [int(each) for each in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
 
 
 def memory_bytes(pid: int) -> int:

@@ -8,12 +8,15 @@ from typing import Self
 import numpy as np
 
 from benchmarks.browser import Browser
+from benchmarks.measured_process import wait_until_idle
 from shared_model.arrays import Picture
 
 # Chromium draws in software where there is no graphics card.
 SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 # How long a letter may take to be decoded.
 DECODED_S = 60.0
+# How long a browser may take to start.
+STARTED_S = 10.0
 GRAB = """
 window.grab = (index) => {
   letter.player.draw(index);
@@ -94,12 +97,21 @@ class PlayedLetter:
     """A letter in a browser; a context manager.
 
     program: path of Chromium.  folder: for its profile.  letter: the HTML file.
+    is_running: whether the browser has had time to start before the letter is opened.
     """
 
     def __init__(
-        self, program: str, folder: Path, letter: Path, width: int = 1280, height: int = 800
+        self,
+        program: str,
+        folder: Path,
+        letter: Path,
+        width: int = 1280,
+        height: int = 800,
+        is_running: bool = False,
     ) -> None:
         self.browser = Browser(program, folder, width, height, *SOFTWARE_GL)
+        if is_running:
+            wait_until_idle(STARTED_S)
         self.browser.call("Page.enable")
         self.browser.call("Page.addScriptToEvaluateOnNewDocument", source=OPENED)
         self.browser.call("Page.navigate", url=letter.absolute().as_uri())

