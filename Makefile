@@ -11,7 +11,7 @@ WATCH := player/built/watch.js
 NOT_COVERED := protocol/link/zenoh_direction.py,protocol/link/zenoh_link.py,protocol/link/zenoh_session.py,protocol/relay/zenoh_relay.py
 # In the order of the folders: the longest files are among the first, and no process is left alone
 # with one of them at the end.
-PYTEST := $(BIN)/python -m pytest --dist loadfile --no-loadscope-reorder --numprocesses
+PYTEST := $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 PACKAGES := runtime shared_model protocol encoder decoder aam loopback risorius
 # Containers often switch bytecode off: each process that a test starts, and each worker, then
 # compiles all modules again.  That of packages is written as they are imported, not of all that is
@@ -61,7 +61,7 @@ bench: $(COMPILED) $(JUDGE)
 
 # The quick half of the tests: what one does while working.
 check: $(COMPILED) lint
-	$(PYTEST) 2 tests/test_shared_model tests/test_protocol tests/test_house
+	$(PYTEST) tests/test_shared_model tests/test_protocol tests/test_house
 
 # What the player's sources are built into: it is in the repository, so that nobody needs node who
 # does not change them; but for what watches from anywhere, which has libraries in it.
@@ -103,17 +103,17 @@ test-player: node_modules/.installed
 
 # A third process: many tests wait for programs that they have started.
 test-packages: $(COMPILED) $(BROWSER) $(WATCH)
-	$(PYTEST) 3 --ignore=tests/test_protocol
+	$(PYTEST) --numprocesses 3 --ignore=tests/test_protocol
 
 # Coverage is measured where it has to be whole: it takes half as long again.
 test-protocol: $(COMPILED)
-	$(PYTEST) 2 --cov=protocol --cov-report= tests/test_protocol
+	$(PYTEST) --cov=protocol --cov-report= tests/test_protocol
 	$(BIN)/coverage report --include='protocol/*' \
 	    --omit='$(NOT_COVERED)' --fail-under=100
 
 # All tests, and what they cover of all packages.
 coverage: $(COMPILED) $(BROWSER) $(WATCH)
-	$(PYTEST) 2 --cov --cov-report=term
+	$(PYTEST) --cov --cov-report=term
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

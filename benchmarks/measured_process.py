@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-import numpy as np
-
 from benchmarks.command import PROGRAM
 from shared_model.errors import UserError
 
@@ -69,23 +67,24 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def wait_until_idle(limit_s: float) -> bool:
-    """Wait until nothing takes the processors (Linux); whether it is so after so many seconds."""
-    before = np.array(_processor_times())
+def wait_until_idle(limit_s: float) -> None:
+    """Wait until nothing takes the processors (Linux), but no longer than so many seconds."""
+    before = _idle_and_all_ticks()
 
     def is_idle() -> bool:
         nonlocal before
-        time.sleep(POLL_S)
-        now = np.array(_processor_times())
-        spent, before = now - before, now
-        return bool(spent[IDLE] >= MOSTLY * spent.sum() > 0)
+        now = _idle_and_all_ticks()
+        idle, all_ticks = now[0] - before[0], now[1] - before[1]
+        before = now
+        return all_ticks > 0 and idle >= MOSTLY * all_ticks
 
-    return holds_within(is_idle, limit_s)
+    holds_within(is_idle, limit_s)
 
 
-def _processor_times() -> list[int]:
-    """Of all processors together, of each kind, in ticks."""
-    return [int(each) for each in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
+def _idle_and_all_ticks() -> tuple[int, int]:
+    """Of all processors together: those in which they were idle, and all."""
+    ticks = [int(each) for each in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
+    return ticks[IDLE], sum(ticks)
 
 
 def memory_bytes(pid: int) -> int:

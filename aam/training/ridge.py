@@ -118,8 +118,7 @@ def principal_directions(rows: Single, count: int) -> Single:
 def _whitened(columns: Single) -> Single:
     """Orthonormal columns that span the same, twice for the sake of single precision."""
     for _ in range(2):
-        lengths = np.sqrt(np.einsum("ij,ij->j", columns, columns))
-        columns = columns / np.maximum(lengths, np.float32(1e-12))
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), np.float32(1e-12))
         values, vectors = np.linalg.eigh((columns.T @ columns).astype(np.float64))
         kept = values > 1e-6 * values[-1]
         columns = columns @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)

@@ -12,8 +12,8 @@ import { LIDS, smoothstep } from "../model/parameters.js";
  * @property {number} size texels a side
  * @property {{left: number, right: number, top: number, bottom: number}} area around them
  * @property {Float32Array[]} weights (2, size, size) how much a texel belongs to either lid
- * @property {Float32Array} light (size, size, 3) colour of the skin around, of luma 1, within the area
- * @property {Float32Array} least (size, size) least luma, likewise
+ * @property {Float32Array} light (size, size, 3) colour of the skin around, of luma 1
+ * @property {Float32Array} least (size, size) least luma
  */
 
 const REACH = 1 / 10;
@@ -96,17 +96,14 @@ export function lidsOf(filters, mean, atlas) {
   });
   const light = new Float32Array(3 * size * size);
   const least = new Float32Array(size * size);
-  for (let row = area.top; row < area.bottom; row++) {
-    for (let at = row * size + area.left; at < row * size + area.right; at++) {
-      const count = Math.max(counts[at], 1e-3);
-      const grey = RED * reds[at] + GREEN * greens[at] + BLUE * blues[at];
-      const luma = Math.max(grey / count, 1);
-      light.set(
-        [reds[at], greens[at], blues[at]].map((sum) => sum / count / luma),
-        3 * at,
-      );
-      least[at] = LEAST_LIGHT * luma;
-    }
+  for (let at = 0; at < size * size; at++) {
+    const count = Math.max(counts[at], 1e-3);
+    const sum = RED * reds[at] + GREEN * greens[at] + BLUE * blues[at];
+    const luma = Math.max(sum / count, 1);
+    light[3 * at] = reds[at] / count / luma;
+    light[3 * at + 1] = greens[at] / count / luma;
+    light[3 * at + 2] = blues[at] / count / luma;
+    least[at] = LEAST_LIGHT * luma;
   }
   return { size, area, weights, light, least };
 }

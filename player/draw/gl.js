@@ -206,6 +206,7 @@ export class CanvasPicture {
   /** @param {WebGL2RenderingContext} gl */
   constructor(gl) {
     this.gl = gl;
+    this.framebuffer = gl.createFramebuffer();
     /** @type {Texture | null} what is written to it; made when it is needed */
     this.written = null;
   }
@@ -237,19 +238,21 @@ export class CanvasPicture {
   write(pixels) {
     const { gl } = this;
     const { drawingBufferWidth: width, drawingBufferHeight: height } = gl;
-    this.written ??= new Texture(gl, width, height);
+    const { READ_FRAMEBUFFER, COLOR_ATTACHMENT0, TEXTURE_2D } = gl;
+    gl.bindFramebuffer(READ_FRAMEBUFFER, this.framebuffer);
+    if (!this.written) {
+      this.written = new Texture(gl, width, height);
+      const { texture } = this.written;
+      gl.framebufferTexture2D(READ_FRAMEBUFFER, COLOR_ATTACHMENT0, TEXTURE_2D, texture, 0);
+    }
     this.written.write(pixels);
-    const framebuffer = gl.createFramebuffer();
-    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, framebuffer);
-    const { COLOR_ATTACHMENT0, TEXTURE_2D } = gl;
-    const { texture } = this.written;
-    gl.framebufferTexture2D(gl.READ_FRAMEBUFFER, COLOR_ATTACHMENT0, TEXTURE_2D, texture, 0);
     gl.blitFramebuffer(0, 0, width, height, 0, height, width, 0, gl.COLOR_BUFFER_BIT, gl.NEAREST);
-    gl.deleteFramebuffer(framebuffer);
+    gl.bindFramebuffer(READ_FRAMEBUFFER, null);
   }
 
   /** Free what it holds. */
   close() {
     this.written?.close();
+    this.gl.deleteFramebuffer(this.framebuffer);
   }
 }

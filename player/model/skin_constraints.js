@@ -9,8 +9,6 @@ import { PARTS } from "./head.js";
 const FREE_WEIGHT = 0.15;
 const MIN_WEIGHT = 1e-3;
 const FACING_COSINE = 0.3;
-/** In standard deviations; a kernel that is farther away is taken for 0, and less than 2e-8. */
-const FAR = 6;
 
 /** The skin in the background picture, and how the mesh points near it follow it. */
 export class SkinConstraints {
@@ -43,8 +41,7 @@ export class SkinConstraints {
     const count = this.vertices.length;
     const square = (/** @type {number} */ x, /** @type {number} */ y, /** @type {number} */ k) =>
       (pixels[2 * k] - x) ** 2 + (pixels[2 * k + 1] - y) ** 2;
-    const kernel = (/** @type {number} */ squarePx) =>
-      squarePx < (FAR * sigmaPx) ** 2 ? Math.exp(squarePx / (-2 * sigmaPx ** 2)) : 0;
+    const kernel = (/** @type {number} */ squarePx) => Math.exp(squarePx / (-2 * sigmaPx ** 2));
     // By the area around each vertex, since vertices are dense around eyes and mouth.
     const density = new Float64Array(count);
     for (let i = 0; i < count; i++) {
