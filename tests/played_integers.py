@@ -1,13 +1,11 @@
 """What a decoder of ours makes of a call, in integers; `test_player/played_integers.js` says what
 the player makes of the same bytes.
 
-A call is a file, or events of a link: arrivals, and times at which nothing has come.  Real numbers
-count on grids that lie beside halves and thirds, so that two programs that round differently find
-the same cell.
+A call is a file, or events of a link: arrivals, and times at which nothing has come.
 """
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,15 +13,13 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import ArrayLike
+from packet_integers import COARSE, FINE, OF_EAU, guarded, model_fields, on_grid
 
 from decoder.playout.playout import PlayoutFrame
 from decoder.playout.receiver import Receiver
 from protocol.call_file import CallReader
-from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.frames.transform_coding import parse_transform
-from protocol.limits import VOICE_NUMBERS
 from protocol.link.interface import Arrival
 from protocol.model_packet import ModelPacket
 from protocol.pictures.foreground_mask import parse_background
@@ -40,9 +36,6 @@ from protocol.pictures.subband_coding import PictureSequence
 
 # An arrival at a time, or nothing.
 Event = Arrival | float
-# Cells of the grids: of quaternions and times, of actuators, of everything else.
-FINE, OF_EAU, COARSE = 2**20, 2**12, 2**10
-BESIDE = 0.41421356
 MAX_SIDE_PX = 1024
 
 
@@ -68,11 +61,6 @@ class Played:
     spoken: list[list[int]] = field(default_factory=list)
     damages: int = 0
     ended: bool = False
-
-
-def on_grid(values: ArrayLike, cells: int) -> list[int]:
-    """The cells of real numbers."""
-    return [int(each) for each in np.floor(np.asarray(values, np.float64) * cells + BESIDE)]
 
 
 def played_file(path: Path) -> Played:
@@ -123,7 +111,7 @@ def _played(shown: list[tuple[int, PlayoutFrame]], receiver: Receiver, damages: 
             played.models.append(model)
         played.frames.append([event, *_frame(frame, played.models.index(model))])
         if frame.residual is not None and frame.residual.data not in blocks:
-            (blocks[frame.residual.data],) = _guarded(partial(_tiles, frame))
+            (blocks[frame.residual.data],) = guarded(partial(_tiles, frame))
     played.residuals = list(blocks.values())
     return played
 
@@ -159,33 +147,10 @@ def _tiles(frame: PlayoutFrame) -> list[int]:
     return [crc32(b"".join(np.asarray(part).astype("<i4").tobytes() for part in parts))]
 
 
-def _call(call: CallParameters) -> list[int]:
-    return [
-        call.profile == "thesis",
-        call.colour_matrix == "bt709",
-        *(call.width, call.height, call.fps_numerator, call.fps_denominator),
-        *on_grid([call.focal_px], COARSE),
-        *(call.frames_per_packet, call.start_frame, call.frame_step),
-        call.has_eyelids,
-        VOICE_NUMBERS[call.voice],
-        *(call.sample_aspect.numerator, call.sample_aspect.denominator),
-        call.has_residual,
-    ]
-
-
 def _model(model: ModelPacket) -> list[int]:
-    values = [
-        *_call(model.call),
-        *(model.version, model.sequence, model.progressive, model.extensible),
-        *model.aau,
-        *on_grid(model.reference_rotation, FINE),
-        *on_grid(model.reference_translation_mm, COARSE),
-        *model.reference_eau,
-        *(len(model.residual), *model.residual),
-        *(crc32(model.texture), crc32(model.background)),
-    ]
+    values = model_fields(model)
     if model.call.profile == "thesis":
-        return [int(each) for each in values]
+        return values
     transform = parse_transform(model.profile_data)
     values += [transform.layers, transform.reserved_modes, len(transform.modes)]
     values += [crc32(mode) for mode in transform.modes]
@@ -194,18 +159,10 @@ def _model(model: ModelPacket) -> list[int]:
     return [int(each) for each in values]
 
 
-def _guarded(find: Callable[[], Iterable[int]]) -> list[int]:
-    """What is found, -2 if it is damaged."""
-    try:
-        return list(find())
-    except ProtocolError:
-        return [-2]
-
-
 def _pictures(model: ModelPacket) -> list[int]:
     """CRC-32 of the coefficients of background, texture and modes."""
-    of_background = _guarded(partial(_background, model))
-    return [*of_background, *_guarded(partial(_appearance, model))]
+    of_background = guarded(partial(_background, model))
+    return [*of_background, *guarded(partial(_appearance, model))]
 
 
 def _appearance(model: ModelPacket) -> list[int]:

@@ -6,13 +6,23 @@ import {
   parseBackground,
   parseLayers,
 } from "../../player/format/pictures/background.js";
-import { decodePicture, modeDecoder } from "../../player/format/pictures/picture.js";
+import {
+  decodePicture,
+  modeDecoder,
+  PictureSequence,
+} from "../../player/format/pictures/picture.js";
 import { ResidualPictures } from "../../player/format/residual/inverse_transform.js";
 import { parseTiles } from "../../player/format/residual/tile_decoder.js";
 import { readCall } from "../../player/playout/call.js";
-import { CODEC, hex, json } from "./vectors.js";
+import { bytesOf, CODEC, hex, json, text } from "./vectors.js";
 
 /** @typedef {import("../../player/format/pictures/picture.js").Image} Image */
+
+/** Level and orientation of the subbands of a plane, in the order in which they are coded. */
+const BANDS = [
+  [0, 0],
+  ...[1, 2, 3, 4, 5].flatMap((level) => [0, 1, 2].map((band) => [level, band])),
+];
 
 for (const name of ["call_default", "call_thesis"]) {
   test(`${name}: the pictures of its first model`, () => {
@@ -44,6 +54,23 @@ test("call_layers: person, scene, motion fields and changes", () => {
     checkRow(picture, expected.person_and_scene_and_changes[i]);
   }
 });
+
+for (const [kind, name] of ["background", "texture", "mode"].entries()) {
+  test(`picture_${name}: the coefficients of pictures of 24 rows and 20 columns`, () => {
+    const lines = text(`picture_${name}.txt`).trim().split("\n");
+    const sequence = new PictureSequence(CODEC, kind, 24, 20, null);
+    for (let at = 0; at < lines.length; at += 4) {
+      sequence.decode(Uint8Array.from([0, ...bytesOf(lines[at])]), name);
+      for (let plane = 0; plane < 3; plane++) {
+        const found = BANDS.flatMap(([level, band]) => [
+          ...sequence.compiled.coefficients(plane, level, band),
+        ]);
+        assert.deepEqual(found, lines[at + 1 + plane].split(",").map(Number));
+      }
+    }
+    sequence.close();
+  });
+}
 
 test("call_residual: tiles and samples", () => {
   const coded = readCall(hex("call_residual.hex")).frames.flatMap((frame) =>

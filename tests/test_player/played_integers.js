@@ -1,10 +1,9 @@
 // What the player makes of calls, in integers: `node played_integers.js FILE ...` writes a line of
 // JSON for each call file (.rzo) and each list of a link's events (.json), `tests/played_integers.py`
-// says what is in it; for each list of packets (.hex) which of them are refused.
+// says what is in it; for each list of packets (.hex) what is in each of them.
 import { readFileSync } from "node:fs";
 import { crc32 } from "../../player/format/checksums.js";
-import { check, FormatError } from "../../player/format/errors.js";
-import { parsePacket } from "../../player/format/packets.js";
+import { check } from "../../player/format/errors.js";
 import {
   changeSize,
   isLayered,
@@ -19,28 +18,24 @@ import {
 } from "../../player/format/pictures/picture.js";
 import { parseTiles } from "../../player/format/residual/tile_decoder.js";
 import { playCall } from "../../player/playout/call.js";
-import { FrameDecoder, SPEECH_RATE_HZ } from "../../player/playout/frame_decoder.js";
+import { SPEECH_RATE_HZ } from "../../player/playout/frame_decoder.js";
 import { Receiver } from "../../player/playout/receiver.js";
+import {
+  COARSE,
+  FINE,
+  fieldIntegers,
+  guarded,
+  OF_EAU,
+  onGrid,
+  packetsIntegers,
+} from "./packet_integers.js";
 import { bytesOf, CODEC } from "./vectors.js";
 
-/** @typedef {import("../../player/format/model_packet.js").CallParameters} CallParameters */
 /** @typedef {import("../../player/playout/playout.js").PlayoutFrame} PlayoutFrame */
 /** @typedef {import("../../player/playout/received_models.js").ReceivedModel} ReceivedModel */
 /** A frame and the event at which it was shown. @typedef {{event: number, frame: PlayoutFrame}} Shown */
 
-const FINE = 2 ** 20;
-const OF_EAU = 2 ** 12;
-const COARSE = 2 ** 10;
-const BESIDE = 0.41421356;
 const MAX_SIDE_PX = 1024;
-
-/**
- * @param {Iterable<number>} values
- * @param {number} cells
- */
-function onGrid(values, cells) {
-  return Array.from(values, (value) => Math.floor(value * cells + BESIDE));
-}
 
 /**
  * CRC-32 of 32-bit integers, little-endian.
@@ -138,43 +133,10 @@ function tilesCrc({ residual, received }) {
   return crcOf([[tiles.stepCode], tiles.flags, ...values]);
 }
 
-/** @param {CallParameters} call */
-function callIntegers(call) {
-  return [
-    Number(call.isThesis),
-    Number(call.isBt709),
-    call.width,
-    call.height,
-    ...call.rate,
-    ...onGrid([call.focalPx], COARSE),
-    call.framesPerPacket,
-    call.startFrame,
-    call.frameStep,
-    Number(call.hasEyelids),
-    call.voice,
-    ...call.sampleAspect,
-    Number(call.hasResidual),
-  ];
-}
-
 /** @param {ReceivedModel} received */
 function modelIntegers({ model, modes, decoder }) {
   const { transform } = decoder;
-  const values = [
-    ...callIntegers(model.call),
-    model.version,
-    model.sequence,
-    Number(model.isProgressive),
-    Number(model.isExtensible),
-    ...model.aau,
-    ...onGrid(model.rotation, FINE),
-    ...onGrid(model.translation, COARSE),
-    ...model.eau,
-    model.residual.length,
-    ...model.residual,
-    crc32([model.texture]),
-    crc32([model.background]),
-  ];
+  const values = fieldIntegers(model);
   if (!transform) return values;
   return [
     ...values,
@@ -186,20 +148,6 @@ function modelIntegers({ model, modes, decoder }) {
     ...onGrid(transform.mean, COARSE),
     ...onGrid(transform.matrix, COARSE),
   ];
-}
-
-/**
- * What has been found, with -2 for what is damaged.
- * @param {number[]} found
- * @param {() => number[]} find what else there is
- */
-function guarded(found, find) {
-  try {
-    return [...found, ...find()];
-  } catch (error) {
-    if (!(error instanceof FormatError)) throw error;
-    return [...found, -2];
-  }
 }
 
 /** @param {ReceivedModel} received */
@@ -281,27 +229,10 @@ function modeCrc(decoder, data) {
   );
 }
 
-/**
- * Whether packets are refused, one in hexadecimal digits on each line.
- * @param {string} lines
- */
-function refusals(lines) {
-  return lines
-    .trim()
-    .split("\n")
-    .map((line) => {
-      const given = guarded([], () => {
-        const packet = parsePacket(bytesOf(line));
-        return [packet.kind === "model" ? new FrameDecoder(packet.model).newest : 0];
-      });
-      return given[0] === -2;
-    });
-}
-
 /** @param {string} path */
 function resultOf(path) {
   const data = readFileSync(path);
-  if (path.endsWith(".hex")) return refusals(data.toString());
+  if (path.endsWith(".hex")) return packetsIntegers(data.toString());
   if (path.endsWith(".json")) return playedLink(JSON.parse(data.toString()));
   return playedFile(new Uint8Array(data));
 }
