@@ -73,7 +73,8 @@ def unit_tables(
 def _asked(who: str, found: Recognition, thesis: Mapping[str, tuple[int, ...]]) -> Asked:
     """Shares of the outcomes of what is shown against the thesis'."""
     shown, *counts = (sum(each) for each in zip(*thesis.values(), strict=True))
-    limits = {name: 100 * count / shown for name, count in zip(OUTCOMES, counts, strict=True)}
+    shares = (tables.thesis_percent(count, shown) for count in counts)
+    limits = dict(zip(OUTCOMES, shares, strict=True))
     reached = {name: 100 * found.share(name) for name in OUTCOMES}
     met = {
         "right": reached["right"] >= limits["right"],
