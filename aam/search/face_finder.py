@@ -1,7 +1,8 @@
 """The largest face in a picture, found by a trained model and no network.
 
-Viola-Jones finds the eyes of each candidate (thesis 5.1), the model is searched from them (3.1),
-and a candidate whose texture it cannot explain is no face.
+Viola-Jones finds the eyes of each candidate (thesis 5.1), the model is searched from poses about
+them and from that of eyes and nose (WP3P), and a candidate whose texture it cannot explain is no
+face.
 """
 
 from dataclasses import replace
@@ -29,7 +30,7 @@ MARGIN = 0.25
 class FaceFinder:
     """Finds faces in pictures by a model that `risorius train` made.
 
-    nose: see `HaarDetector`; a search then starts also at the pose of eyes and nose (WP3P, 5.1).
+    nose: see `HaarDetector`.
     face_count: of the candidates in the newest picture.
     """
 
@@ -51,15 +52,15 @@ class FaceFinder:
         candidates = self._detector.detect(picture)
         self.face_count = len(candidates)
         for candidate in candidates:
-            poses = [_rough_pose(picture, candidate)] if self._detector.detects_nose else []
-            fit = find_from_eyes(self._model, picture, candidate.keypoints[:2], poses)
+            start = _rough_pose(picture, candidate)
+            fit = find_from_eyes(self._model, picture, candidate.keypoints[:2], [start])
             if is_explained(self._model, fit):
                 return fit
         return None
 
 
 def _rough_pose(picture: Picture, face: Detection) -> Array:
-    """(6,) of a detected face, from its eyes and nose."""
+    """(6,) of a detected face, from its eyes and nose (WP3P, thesis 5.1)."""
     head, size = generic_head(), (picture.shape[1], picture.shape[0])
     camera = generic_identity(head, size).camera
     return pose_vector_at(pose_from_three_points(head, camera, face), camera)

@@ -45,11 +45,6 @@ class HaarDetector:
             _cascade("haarcascade_eye.xml"),
         ]
 
-    @property
-    def detects_nose(self) -> bool:
-        """Whether noses are searched, too."""
-        return self._nose is not None
-
     def detect_large(self, frame: Picture) -> list[Detection]:
         """See `FaceDetector`: there is no quicker look."""
         return self.detect(frame)

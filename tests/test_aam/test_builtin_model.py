@@ -3,19 +3,25 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from aam.named_model import BUILTIN, BUILTIN_FILE, named_model
+from aam.search import face_finder
+from aam.search.find_face import FaceFit, find_from_eyes
 from aam.search.landmark_tracker import ModelLandmarkTracker
+from aam.weak_pose import project
 from encoder.capture.video_source import open_source
 from encoder.detection.landmarks import open_landmark_tracker
+from encoder.fitting.pose_initialisation import anchor_points
 from protocol.summary import summarise
 from risorius.cli import main
 from risorius.face_track import track
 from shared_model.errors import UserError
+from shared_model.mesh import generic_head
 
 # Nothing of these can be imported, nor found.
 WITHOUT_NETWORKS = """
@@ -47,6 +53,26 @@ def test_it_finds_a_real_face_that_it_has_not_seen(carphone: Path) -> None:
     right, left = known.points[[33, 263], :2]
     away = np.linalg.norm(found.points[:, :2] - known.points[:, :2], axis=1)
     assert away.mean() < 0.08 * np.linalg.norm(right - left)
+
+
+def test_a_search_also_starts_at_the_pose_of_eyes_and_nose(
+    carphone: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """WP3P (thesis 5.1), though no cascade finds noses."""
+    given = []
+
+    def seen(*arguments: Any) -> FaceFit:
+        given.append(arguments[2:])
+        return find_from_eyes(*arguments)
+
+    monkeypatch.setattr(face_finder, "find_from_eyes", seen)
+    with open_source(str(carphone)) as capture:
+        _, picture = next(iter(capture))
+    assert face_finder.FaceFinder(named_model(BUILTIN)).find(picture) is not None
+    (eyes, [pose]), *_ = given
+    projected = project(pose, anchor_points(generic_head()))[:2]
+    apart_px = np.linalg.norm(eyes[1] - eyes[0])
+    assert np.abs(projected - eyes).max() < 0.05 * apart_px
 
 
 def test_a_call_is_made_without_any_network(carphone: Path, tmp_path: Path) -> None:

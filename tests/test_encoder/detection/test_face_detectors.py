@@ -170,7 +170,6 @@ def test_a_nose_that_is_detected_replaces_the_placed_one(carphone: Path) -> None
     picture = first_picture(carphone)
     eyes = Path(cv2.__file__).parent / "data" / "haarcascade_eye.xml"
     placed, searched = HaarDetector(), HaarDetector(eyes)
-    assert searched.detects_nose and not placed.detects_nose
     first, second = placed.detect(picture)[0].keypoints, searched.detect(picture)[0].keypoints
     distance = np.linalg.norm(first[1] - first[0])
     assert 0.05 * distance < np.linalg.norm(second[2] - first[2]) < 1.1 * distance
