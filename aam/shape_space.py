@@ -23,7 +23,6 @@ EAU_SETS: Mapping[str, tuple[int, ...]] = {
 }
 LOW = np.concatenate([np.full(len(AAUS), -1.0), np.array(EAU_LOW)])
 HIGH = np.concatenate([np.full(len(AAUS), 1.0), np.array(EAU_HIGH)])
-JAW_DROP = len(AAUS) + EAU_INDEX["jaw_drop"]
 
 
 def shape_vector(aau: Array, eau: Array) -> Array:

@@ -10,7 +10,6 @@ from shared_model.appearance import Atlas, atlas_of
 from shared_model.mesh import PARTS, generic_head
 
 FRAMES = ("full", "inside")
-SIZES = (32, 64, 128, 256)
 # Convex hull of the inside-face frame: above the brows, beside the eyes, below the lower lip.
 _INSIDE = (
     *(63, 105, 66, 107, 336, 296, 334, 293, 70, 300),

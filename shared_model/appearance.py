@@ -1,6 +1,6 @@
 """The shape-free frame (thesis 2.4.2): the point of the head at each texel of the atlas.
 
-And what makes whole pictures of it: other sizes, unknown texels filled from their surroundings.
+And what makes whole pictures of it: unknown texels are filled from their surroundings.
 """
 
 from dataclasses import dataclass
@@ -64,18 +64,6 @@ def atlas_of(head: Head, size: int) -> Atlas:
         head.triangles[owner[rows, columns]],
         weights[rows, columns],
     )
-
-
-def resized(image: Single, size: int) -> Single:
-    """A square image (s, s, channels) resized to `size` texels a side: bilinear, edges repeated."""
-    if len(image) == size:
-        return image
-    at = np.clip((np.arange(size) + 0.5) * len(image) / size - 0.5, 0, len(image) - 1)
-    low = np.minimum(at.astype(int), len(image) - 2)
-    fraction = (at - low).astype(np.float32)[:, None, None]
-    rows = image[low] * (1 - fraction) + image[low + 1] * fraction
-    across = fraction.transpose(1, 0, 2)
-    return np.asarray(rows[:, low] * (1 - across) + rows[:, low + 1] * across, np.float32)
 
 
 def pull_push_fill(image: Single, known: Mask) -> Single:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from aam.annotation.annotation_file import Annotation, write_annotation
-from aam.shape_space import JAW_DROP, SHAPE_COUNT
+from aam.shape_space import SHAPE_COUNT
 from aam.training.faces import AnnotatedFace
 from aam.warps import HeadWarp, head_warp
 from aam.weak_pose import project
@@ -20,6 +20,7 @@ from shared_model.parameters import AAUS, EAU_INDEX, EAUS
 HEAD = generic_head()
 POSE = np.array([0.1, -0.15, 0.05, 100.0, 90.0, np.log(0.9)])
 SIZE = (220, 200)
+JAW_DROP = len(AAUS) + EAU_INDEX["jaw_drop"]
 
 
 def known_face() -> tuple[Array, Array]:

@@ -12,7 +12,6 @@ from runtime.jit import jit
 from shared_model import geometry
 from shared_model.appearance import Atlas
 from shared_model.arrays import Array, Mask, VertexIndices
-from shared_model.mesh import Head
 from shared_model.parameters import Pose
 
 # Least cosine between a visible texel's normal and the direction to the camera.
@@ -26,7 +25,7 @@ DEPTH_GRID_HALF = 192
 
 
 def visible_texels(
-    head: Head, atlas: Atlas, pose: Pose, vertices: Array, cell_mm: float = DEPTH_CELL_MM
+    atlas: Atlas, pose: Pose, vertices: Array, cell_mm: float = DEPTH_CELL_MM
 ) -> Mask:
     """(k,) whether the camera sees each texel: it faces the camera and nothing occludes it.
 

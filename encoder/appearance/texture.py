@@ -54,7 +54,7 @@ def extract_texture(
     frame, points_px = _prefiltered(frame, points_px, atlas)
     at = atlas.rows, atlas.columns
     inside = inside_mouth(head)[atlas.corners[:, 0]]
-    visible = visible_texels(head, atlas, pose, vertices)
+    visible = visible_texels(atlas, pose, vertices)
     visible &= head.opacity[atlas.corners].min(1) > 0
     visible &= ~inside | (_neighbourhood_coverage(atlas, visible & inside) >= MIN_COVERAGE)
     image = np.zeros((atlas.size, atlas.size, 3), dtype=np.float32)

@@ -14,7 +14,6 @@ from runtime.jit import jit
 from runtime.parallel import parallel_map
 from shared_model.appearance import pull_push_fill
 from shared_model.arrays import Array, Mask, Single
-from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
 
 # No texel's footprint exceeds this multiple of the median.
@@ -36,7 +35,6 @@ class TextureSamples:
 
 
 def sample_textures(
-    head: Head,
     shape_free: ShapeFreeFrame,
     crops: Sequence[Crop],
     faces: Sequence[FaceParameters],
@@ -55,7 +53,7 @@ def sample_textures(
         positions = shape_free.positions(face)
         in_crop = crop.to_crop_px(positions)
         colours = sample_bicubic(crop.picture, in_crop)
-        visible = visible_texels(head, shape_free.atlas, face.pose, mesh, cell_mm)
+        visible = visible_texels(shape_free.atlas, face.pose, mesh, cell_mm)
         visible &= crop.shows(in_crop)
         return colours, visible, texel_footprints(shape_free, positions) * visible
 

@@ -157,7 +157,7 @@ class TexelFitter:
 
     def _visible(self, atlas: Atlas, face: FaceParameters) -> Mask:
         vertices = self._face.animate(face.eau)
-        return visible_texels(self._head, atlas, face.pose, vertices, self._cell_mm)
+        return visible_texels(atlas, face.pose, vertices, self._cell_mm)
 
     def fit_crop(
         self,

@@ -256,7 +256,7 @@ def disocclusion_weight(
     for name, value in WIDE_OPEN_EAUS.items():
         eau[EAU_INDEX[name]] = value
     wide_open = FaceParameters(faces[0].pose, eau)
-    visible = visible_texels(face.head, shape.atlas, wide_open.pose, face.animate(eau))
+    visible = visible_texels(shape.atlas, wide_open.pose, face.animate(eau))
     footprints = texel_footprints(shape, shape.positions(wide_open))
     return np.asarray(DISOCCLUSION_SHARE * footprints * visible, np.float32)
 

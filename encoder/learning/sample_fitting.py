@@ -118,7 +118,7 @@ def sample_faces(
 ) -> TextureSamples:
     """The texels of `shape` in crops whose faces are fitted, see `sample_textures`."""
     vertices = [face.animate(fitted.eau) for fitted in faces]
-    return sample_textures(face.head, shape, crops, faces, vertices, cell_mm, workers)
+    return sample_textures(shape, crops, faces, vertices, cell_mm, workers)
 
 
 def super_resolved(

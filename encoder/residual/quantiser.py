@@ -42,7 +42,6 @@ LAGRANGIAN = 0.1
 ZERO_BELOW = 0.55
 # Bits by the probability of what happens.
 BITS = -np.log2(np.maximum(np.arange(PROBABILITY_ONE + 1), 0.5) / PROBABILITY_ONE)
-_UNARY = UNARY_LIMIT - 1
 
 
 class QuantisedTiles(NamedTuple):

@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from risorius.call_page.call_view import CallView
     from risorius.command_line.parser import Commands
 
-Progress = Callable[[int, int | None], None]
-
 # What a letter does not go with, and the values that stand for nothing.
 LETTER_REJECTS = {"source": None, "face": None, "view": False, "report": None}
 # Below this PSNR of the whole picture source and call can hardly be of the same recording.

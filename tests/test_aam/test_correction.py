@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from aam_faces import HEAD, POSE, SIZE, known_face, landmarks_of, write_csv, write_picture
+from aam_faces import HEAD, JAW_DROP, POSE, SIZE, known_face, landmarks_of, write_csv, write_picture
 
 from aam.annotation.annotation_file import Annotation, read_annotation
 from aam.annotation.correction import Correction, correct, correction_from, correction_values
@@ -14,7 +14,7 @@ from aam.annotation.held_values import HeldValues
 from aam.annotation.landmark_schemes import FaceLandmarks, from_known, from_search
 from aam.annotation.originals import read_original, save_corrected
 from aam.annotation.still_fit import fit_still
-from aam.shape_space import JAW_DROP, SHAPE_COUNT, SHAPE_NAMES
+from aam.shape_space import SHAPE_COUNT, SHAPE_NAMES
 from risorius.cli import main
 from shared_model.parameters import AAUS, THESIS_EAUS
 

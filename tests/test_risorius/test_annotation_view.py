@@ -13,12 +13,12 @@ from urllib.parse import urlsplit
 import cv2
 import numpy as np
 import pytest
-from aam_faces import POSE, known_face, landmarks_of, write_csv, write_picture
+from aam_faces import JAW_DROP, POSE, known_face, landmarks_of, write_csv, write_picture
 from conftest import PROGRAM, ROOT, Start
 from processes import LIMIT_S
 
 from aam.annotation.annotation_file import read_annotation
-from aam.shape_space import JAW_DROP, SHAPE_NAMES
+from aam.shape_space import SHAPE_NAMES
 from benchmarks.browser import Browser
 from risorius.cli import main
 from risorius.view.annotation_residual import MeanResidual

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from heads import synthetic_head
 
-from shared_model.appearance import atlas_of, resized
+from shared_model.appearance import atlas_of
 from shared_model.mesh import PARTS, generic_head
 
 SIZES = (32, 96)
@@ -45,24 +45,3 @@ def test_points_interpolate_any_value_over_the_triangles() -> None:
     linear = head.texture_coordinates @ np.array([[2.0], [-3.0]]) + 1
     u, v = (atlas.columns + 0.5) / 48, (atlas.rows + 0.5) / 48
     np.testing.assert_allclose(atlas.points(linear)[:, 0], 2 * u - 3 * v + 1, atol=1e-6)
-
-
-def test_an_image_of_the_same_size_is_unchanged() -> None:
-    image = np.random.default_rng(0).random((8, 8, 3)).astype(np.float32)
-    assert resized(image, 8) is image
-
-
-def test_enlarging_preserves_constants_and_ramps() -> None:
-    plain = np.full((6, 6, 2), 3.0, np.float32)
-    np.testing.assert_allclose(resized(plain, 15), np.full((15, 15, 2), 3.0), atol=1e-6)
-    slope = np.broadcast_to((np.arange(8, dtype=np.float32) + 0.5)[:, None, None], (8, 8, 1))
-    rows = resized(slope, 16)[:, 0, 0]
-    # The outermost centres of the large image lie outside those of the small one: edges repeat.
-    np.testing.assert_allclose(rows[1:-1], (np.arange(16) + 0.5)[1:-1] / 2, atol=1e-6)
-    assert rows[0] == 0.5 and rows[-1] == 7.5
-
-
-def test_columns_are_enlarged_as_rows_are() -> None:
-    image = np.random.default_rng(1).random((7, 7, 3)).astype(np.float32)
-    turned = resized(np.ascontiguousarray(image.transpose(1, 0, 2)), 19)
-    np.testing.assert_allclose(resized(image, 19), turned.transpose(1, 0, 2), atol=1e-6)

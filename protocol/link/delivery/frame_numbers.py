@@ -51,7 +51,7 @@ class FrameNumbers:
         number of the next one.
     """
 
-    def __init__(self, next_number: int, now_s: float) -> None:
+    def __init__(self, next_number: int) -> None:
         self._begin = next_number
         self._begin_s = float("-inf")
         self.newest, self.newest_s = next_number - 1, float("-inf")

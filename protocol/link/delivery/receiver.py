@@ -246,7 +246,7 @@ class DeliveryReceiver:
             self._out.append(self._hello(asks=True, answers=hello.nonce))
             self._sent_s[self._nonce] = now_s
         else:
-            frames = FrameNumbers(hello.frames, now_s)
+            frames = FrameNumbers(hello.frames)
             self._call = _Call(hello.session, self._sessions, now_s, frames)
             self._sessions += 1
             self._on_peer(hello.session)

@@ -44,7 +44,7 @@ def sample_bilinear(image: Single, places: Single) -> Single:
 def test_the_inverse_warp_inverts_the_projection(shots: Shots, shape: ShapeFreeFrame) -> None:
     face = shots.faces[2]
     positions = shape.positions(face)
-    seen = visible_texels(shots.face.head, shape.atlas, face.pose, shots.face.animate(face.eau))
+    seen = visible_texels(shape.atlas, face.pose, shots.face.animate(face.eau))
     pixels, texels = inverse_warp(shape, positions, seen, (240, 320))
     assert len(np.unique(pixels)) == len(pixels) > 5000
     grid = np.full((shape.atlas.size, shape.atlas.size, 2), np.nan, np.float32)
@@ -60,7 +60,7 @@ def test_a_back_projected_texture_reproduces_the_picture_better(
 ) -> None:
     face = shots.faces[3]
     positions = shape.positions(face)
-    seen = visible_texels(shots.face.head, shape.atlas, face.pose, shots.face.animate(face.eau))
+    seen = visible_texels(shape.atlas, face.pose, shots.face.animate(face.eau))
     colours = sample_bicubic(detailed, positions)
     better = back_projected(shape, whole(detailed), positions, colours, seen)
     pixels, texels = inverse_warp(shape, positions, seen, (240, 320))

@@ -36,15 +36,15 @@ def test_samples_at_pixel_centres_are_the_pixels() -> None:
 def test_a_turned_head_hides_its_far_side(shots: Shots, atlas: Atlas) -> None:
     head, rest = shots.face.head, shots.face.neutral
     at = np.array([0.0, 0.0, 600.0])
-    ahead = visible_texels(head, atlas, pose_from_euler(0, 0, 0, at), rest)
-    left = visible_texels(head, atlas, pose_from_euler(0, 60, 0, at), rest)
-    right = visible_texels(head, atlas, pose_from_euler(0, -60, 0, at), rest)
+    ahead = visible_texels(atlas, pose_from_euler(0, 0, 0, at), rest)
+    left = visible_texels(atlas, pose_from_euler(0, 60, 0, at), rest)
+    right = visible_texels(atlas, pose_from_euler(0, -60, 0, at), rest)
     x = atlas.points(rest)[:, 0]
     skin = head.parts[atlas.corners[:, 0]] == PARTS.index("skin")
     one, other = (side & (x > 40) & skin for side in (left, right))
     assert abs(int(one.sum()) - int(other.sum())) > 0.5 * max(one.sum(), other.sum())
     assert ahead[skin & (np.abs(x) < 20)].mean() > 0.6
-    turned_away = visible_texels(head, atlas, pose_from_euler(0, 180, 0, at), rest)
+    turned_away = visible_texels(atlas, pose_from_euler(0, 180, 0, at), rest)
     assert turned_away[skin & (np.abs(x) < 20)].mean() < 0.1
 
 
@@ -53,7 +53,7 @@ def test_a_camera_inside_the_head_sees_nothing_behind_it(
     shots: Shots, atlas: Atlas, depth_mm: float
 ) -> None:
     pose = pose_from_euler(5, 40, -8, np.array([30.0, -20.0, depth_mm]))
-    visible = visible_texels(shots.face.head, atlas, pose, shots.face.neutral)
+    visible = visible_texels(atlas, pose, shots.face.neutral)
     points = camera_from_head(pose, atlas.points(shots.face.neutral))
     assert not visible[points[:, 2] <= 0].any()
 
@@ -65,7 +65,7 @@ def test_an_open_mouth_shows_more_of_its_inside(shots: Shots, atlas: Atlas) -> N
     wide = np.zeros(len(EAUS))
     wide[EAU_INDEX["jaw_drop"]] = 1
     closed, opened = (
-        visible_texels(head, atlas, pose, shots.face.animate(eau))[within].mean()
+        visible_texels(atlas, pose, shots.face.animate(eau))[within].mean()
         for eau in (0 * wide, wide)
     )
     assert closed < 0.35 and opened > 1.5 * closed
@@ -76,7 +76,7 @@ def test_a_texture_has_the_colours_of_the_picture(shots: Shots, atlas: Atlas) ->
     vertices, head = shots.face.animate(face.eau), shots.face.head
     texture = extract_texture(head, atlas, shots.camera, face.pose, vertices, shots.pictures[2])
     assert texture.shape == (96, 96, 3) and texture.dtype == np.uint8
-    visible = visible_texels(head, atlas, face.pose, vertices)
+    visible = visible_texels(atlas, face.pose, vertices)
     visible &= head.opacity[atlas.corners].min(1) > 0
     there = pixel_from_head(shots.camera, face.pose, atlas.points(vertices))
     expected = sample_bicubic(cv2.blur(shots.pictures[2], (3, 3)), there)[visible]
@@ -88,7 +88,7 @@ def test_teeth_seen_through_a_slit_get_default_colours(shots: Shots, atlas: Atla
     head, face, frame = shots.face.head, shots.faces[0], shots.pictures[0]
     vertices = shots.face.animate(np.zeros(len(EAUS)))
     teeth = head.parts[atlas.corners[:, 0]] == PARTS.index("teeth_upper")
-    visible = visible_texels(head, atlas, face.pose, vertices) & teeth
+    visible = visible_texels(atlas, face.pose, vertices) & teeth
     assert 0 < visible.sum() < 0.5 * teeth.sum()
     levels = []
     for light in (1.0, 0.6):
@@ -110,7 +110,7 @@ def test_a_narrow_fold_is_filled_from_its_neighbourhood(shots: Shots, atlas: Atl
     points = atlas.points(vertices)
     about_the_nose = np.linalg.norm(points - vertices[tip], axis=1) < 45
     about_the_nose &= head.parts[atlas.corners[:, 0]] == PARTS.index("skin")
-    folded = about_the_nose & ~visible_texels(head, atlas, pose, vertices)
+    folded = about_the_nose & ~visible_texels(atlas, pose, vertices)
     found = texture[atlas.rows, atlas.columns, 0]
     # The subject's left is on the right of the picture.
     for side, level in ((points[:, 0] > 10, 200), (points[:, 0] < -10, 0)):

@@ -119,7 +119,7 @@ def test_samples_are_the_colours_that_each_picture_shows(
 ) -> None:
     vertices = [shape_face(head).animate(face.eau) for face in shots.faces]
     crops = [whole(picture) for picture in shots.pictures]
-    samples = sample_textures(head, shape, crops, shots.faces, vertices)
+    samples = sample_textures(shape, crops, shots.faces, vertices)
     assert samples.colours.shape == (len(crops), len(shape), 3)
     assert samples.visible.shape == samples.colours.shape[:2]
     skin = samples.visible.all(0) & (face_mask(head, shape.atlas) == 1)
@@ -226,7 +226,7 @@ def test_a_closed_mouth_has_the_weight_of_an_open_one(
 ) -> None:
     closed = [replace(shots.faces[2], eau=np.zeros_like(shots.faces[2].eau))]
     vertices = [shape_face(head).animate(closed[0].eau)]
-    samples = sample_textures(head, shape, [whole(shots.pictures[2])], closed, vertices)
+    samples = sample_textures(shape, [whole(shots.pictures[2])], closed, vertices)
     weight = disocclusion_weight(shape_face(head), shape, closed)
     part = head.parts[shape.atlas.corners[:, 0]]
     hidden = (part == PARTS.index("mouth")) & (samples.weight == 0)

@@ -31,7 +31,7 @@ def template_of(shots: Shots, shape: ShapeFreeFrame, number: int) -> Template:
     """A template from one picture; texels that it does not show have no weight."""
     face = shots.faces[number]
     vertices = shots.face.animate(face.eau)
-    seen = visible_texels(shots.face.head, shape.atlas, face.pose, vertices)
+    seen = visible_texels(shape.atlas, face.pose, vertices)
     worn = shots.face.head.opacity[shape.atlas.corners].min(1) > 0.99
     mean = sample_bicubic(luma_f32(shots.pictures[number]), shape.positions(face))[:, 0]
     return Template(mean, np.zeros((0, len(shape)), np.float32), (worn & seen).astype(np.float32))

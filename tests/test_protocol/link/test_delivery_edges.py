@@ -241,7 +241,7 @@ def test_a_piece_is_not_lost_while_those_before_it_are_on_a_slow_link() -> None:
 
 
 def test_packets_that_come_less_often_than_expected_are_soon_not_asked_for() -> None:
-    frames, now_s = FrameNumbers(0, 0.0), 0.0
+    frames, now_s = FrameNumbers(0), 0.0
     frames.begin(now_s)
     asked = list[int]()
     for number, interval_s in enumerate([0.1] * 10 + [0.4] * 50):
@@ -273,7 +273,7 @@ def test_an_encoder_goes_on_for_the_decoders_that_stay() -> None:
 
 @pytest.mark.parametrize(("begun", "asked"), [(False, range(20, 40)), (True, range(0))])
 def test_a_long_gap_is_asked_for_only_where_nothing_has_come(begun: bool, asked: range) -> None:
-    numbers = FrameNumbers(0, 0.0)
+    numbers = FrameNumbers(0)
     if begun:
         numbers.take(0, 0.0)
     numbers.synchronise(40, 1.0)
@@ -290,7 +290,7 @@ def test_a_model_has_the_number_of_the_first_frame_packet_that_it_codes(keeps_al
 
 
 def test_a_packet_that_was_asked_for_is_no_later_one() -> None:
-    numbers = FrameNumbers(0, 0.0)
+    numbers = FrameNumbers(0)
     numbers.synchronise(20, 1.0)
     for number in range(20, 29):
         assert numbers.take(number, 1.0) == number
