@@ -10,14 +10,13 @@ only if the computer has nothing else to do.
 import argparse
 import json
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.command import run
+from benchmarks.command import PROGRAM, run
 from benchmarks.figure_image import write_svg
 from loopback.bench import check_recorded, mean_figures
 from loopback.curves.curve_bench import OURS, Duel, duel_rows
@@ -28,14 +27,19 @@ from shared_model.errors import UserError
 
 MEASUREMENTS = Path(__file__).resolve().parent.parent / "docs" / "measurements.md"
 FRAMES, CURVE_FRAMES = 300, 150
-# Options of `risorius bench` for each set.
+# Options of each `risorius bench` of a set, by the folder of its report.
 SETS = {
-    "recorded": ["--no-pace"],
-    "live": ["--live", "--no-pace"],
-    "paced": ["--live"],
-    "busy": ["--live", "--busy", "1"],
-    "thesis": ["--profile", "thesis", "--no-pace"],
-    "curves": ["--against", "svtav1,x265,x264,vp9"],
+    "recorded": {"recorded": ["--no-pace"]},
+    "live": {"live": ["--live", "--no-pace"]},
+    "paced": {"paced": ["--live"]},
+    "busy": {"busy": ["--live", "--busy", "1"]},
+    "thesis": {
+        "thesis": ["--profile", "thesis", "--no-pace"],
+        "thesis-modes": ["--profile", "thesis", "--texture-modes", "8", "--no-pace"],
+        "thesis-builtin": ["--profile", "thesis", "--aam", "builtin", "--no-pace"],
+        "thesis-literal": ["--preset", "thesis-literal", "--no-pace"],
+    },
+    "curves": {"curves": ["--against", "svtav1,x265,x264,vp9"]},
 }
 # Columns of a table by the name of their figure, with digits.
 COLUMNS = {
@@ -64,29 +68,46 @@ def marks(name: str) -> tuple[str, str]:
     return f"<!-- figures: {name} -->\n", f"<!-- end of figures: {name} -->\n"
 
 
-def command(name: str, clips: Sequence[str], folder: Path) -> list[str]:
-    """The arguments of `risorius` that measure a set."""
-    frames = CURVE_FRAMES if name == "curves" else FRAMES
-    tail = ["--max-frames", str(frames), "--out", str(folder)]
-    return ["bench", *SETS[name], *clips, *tail]
+def commands(name: str, clips: Sequence[str], out: Path) -> dict[Path, list[str]]:
+    """The arguments of `risorius` that measure a set, by the folders that their reports go to."""
+    frames = ["--max-frames", str(CURVE_FRAMES if name == "curves" else FRAMES)]
+    return {
+        out / folder: ["bench", *options, *clips, *frames, "--out", str(out / folder)]
+        for folder, options in SETS[name].items()
+    }
 
 
-def markdown(name: str, report: Mapping[str, Any]) -> str:
-    """The table of a set, and the command that has measured it."""
+def markdown(name: str, reports: Sequence[Mapping[str, Any]]) -> str:
+    """The table of a set by its reports, and the commands that have measured it."""
     if name == "curves":
-        return _curves_markdown(report)
-    clips = report["clips"]
+        return _curves_markdown(reports[0])
+    if len(reports) > 1:
+        return _ways_markdown(name, reports)
+    clips = reports[0]["clips"]
     columns = COLUMNS | (PACED_COLUMN if name in ("paced", "busy") else {})
     rows = [[Path(clip["source"]).stem, *_figures(clip, columns)] for clip in clips]
     mean = mean_figures(clips)
     rows.append(["**mean**", *_figures(mean, columns)])
     header = ["clip", *(title for title, _ in columns.values())]
-    return _shown_command(name) + _table(header, rows)
+    return _shown_commands(name) + _table(header, rows)
+
+
+def _ways_markdown(name: str, reports: Sequence[Mapping[str, Any]]) -> str:
+    """A row for each bench of a set: means over the clips, and the face's PSNR in each."""
+    rows = []
+    for folder, report in zip(SETS[name], reports, strict=True):
+        clips, face = report["clips"], "face_psnr_db"
+        each = [_number(clip.get(face), COLUMNS[face][1]) for clip in clips]
+        rows.append([folder, *_figures(mean_figures(clips), COLUMNS), *each])
+    sources = [Path(clip["source"]).stem for clip in reports[0]["clips"]]
+    header = ["", *(title for title, _ in COLUMNS.values()), *sources]
+    text = "Means over the clips; by a clip's name the PSNR of its face, dB:\n\n"
+    return _shown_commands(name) + text + _table(header, rows)
 
 
 def _curves_markdown(report: Mapping[str, Any]) -> str:
     clips = report["clips"]
-    text = _shown_command("curves")
+    text = _shown_commands("curves")
     labels = [point["label"] for point in next(iter(clips.values()))[OURS]]
     rows = []
     for label in labels:
@@ -133,9 +154,17 @@ def replaced(text: str, name: str, table: str) -> str:
     return before + begin + table + end + after
 
 
-def _shown_command(name: str) -> str:
+def _shown_commands(name: str) -> str:
+    """What measures a set; which row is of which command, where there are several."""
     frames = CURVE_FRAMES if name == "curves" else FRAMES
-    return f"    risorius bench {' '.join(SETS[name])} CLIP... --max-frames {frames}\n\n"
+    lines = {
+        folder: f"    risorius bench {' '.join(options)} CLIP... --max-frames {frames}"
+        for folder, options in SETS[name].items()
+    }
+    if len(lines) > 1:
+        width = max(map(len, lines.values()))
+        lines = {folder: f"{line:<{width}}  # {folder}" for folder, line in lines.items()}
+    return "\n".join(lines.values()) + "\n\n"
 
 
 def _figures(clip: Mapping[str, Any], columns: Mapping[str, tuple[str, int]]) -> list[str]:
@@ -161,18 +190,18 @@ def main(arguments: Sequence[str]) -> None:
     check_recorded(options.clip)
     text = MEASUREMENTS.read_text(encoding="utf-8")
     for name in options.only:
-        folder = options.out / name
-        report = folder / "report.json"
-        if not is_whole(report, len(options.clip)):
-            risorius = [sys.executable, "-m", "risorius"]
-            done = subprocess.run([*risorius, *command(name, options.clip, folder)])
-            if done.returncode or not report.is_file():
-                raise UserError(f"the set {name} failed")
-        content = json.loads(report.read_text(encoding="utf-8"))
-        text = replaced(text, name, markdown(name, content))
+        reports = []
+        for folder, command in commands(name, options.clip, options.out).items():
+            report = folder / "report.json"
+            if not is_whole(report, len(options.clip)):
+                done = subprocess.run([*PROGRAM, *command])
+                if done.returncode or not report.is_file():
+                    raise UserError(f"the set {name} failed")
+            reports.append(json.loads(report.read_text(encoding="utf-8")))
+        text = replaced(text, name, markdown(name, reports))
         MEASUREMENTS.write_text(text, encoding="utf-8")
         if name == "curves":
-            draw_curves(content, MEASUREMENTS.parent / "figures" / "curves.svg")
+            draw_curves(reports[0], MEASUREMENTS.parent / "figures" / "curves.svg")
 
 
 def is_whole(report: Path, clips: int) -> bool:

@@ -9,7 +9,7 @@ from benchmarks.figures import (
     COLUMNS,
     MEASUREMENTS,
     SETS,
-    command,
+    commands,
     is_whole,
     markdown,
     marks,
@@ -28,12 +28,26 @@ def report(psnr: float | None) -> dict[str, Any]:
 
 
 def test_the_table_says_each_figure_and_the_means() -> None:
-    lines = markdown("recorded", report(34.07)).splitlines()
+    lines = markdown("recorded", [report(34.07)]).splitlines()
     assert lines[0] == "    risorius bench --no-pace CLIP... --max-frames 300"
     assert lines[4].startswith("| a | 34.1 | - |") and lines[4].endswith("| 11021 | 800 |")
     assert lines[5].startswith("| **mean** | 34.1 | - |")
     assert len({line.count("|") for line in lines[2:]}) == 1
-    assert "in haste" in markdown("busy", report(30)).splitlines()[2]
+    assert "in haste" in markdown("busy", [report(30)]).splitlines()[2]
+
+
+def test_ways_of_a_profile_are_rows_of_one_table() -> None:
+    reports = [report(20.0 + number) for number in range(len(SETS["thesis"]))]
+    first, *others = markdown("thesis", reports).splitlines()
+    assert first.startswith(
+        "    risorius bench --profile thesis --no-pace CLIP... --max-frames 300"
+    )
+    assert first.endswith("# thesis") and others[2].endswith("# thesis-literal")
+    header, _, *rows = (line for line in others if line.startswith("|"))
+    assert header.endswith("| frames, bit/s | a |")
+    assert rows[0].startswith("| thesis | 20.0 | - |") and rows[0].endswith("| 800 | 20.0 |")
+    assert rows[3].startswith("| thesis-literal | 23.0 |")
+    assert len({line.count("|") for line in (header, *rows)}) == 1
 
 
 def test_the_curves_are_rungs_and_duels() -> None:
@@ -51,7 +65,7 @@ def test_the_curves_are_rungs_and_duels() -> None:
         }
     }
     content = curve_report(clips, CurveSettings((Rung(800),), ("x264",)), [])
-    lines = markdown("curves", content).splitlines()
+    lines = markdown("curves", [content]).splitlines()
     assert "| 800 bit/s | 12.0 | 790 | 34.0 | 34 | 34.0 | 34 |" in lines
     assert sum(line.startswith("| x264 | ") for line in lines) == 3
     assert "--against svtav1,x265,x264,vp9 CLIP... --max-frames 150" in lines[0]
@@ -86,6 +100,14 @@ def test_the_document_is_short() -> None:
 
 
 def test_a_set_is_measured_by_a_bench() -> None:
-    assert command("busy", ["a.mp4"], Path("out/busy")) == [
+    [(folder, command)] = commands("busy", ["a.mp4"], Path("out")).items()
+    assert folder == Path("out/busy")
+    assert command == [
         *("bench", "--live", "--busy", "1", "a.mp4", "--max-frames", "300", "--out", "out/busy")
     ]
+
+
+def test_the_thesis_profile_is_measured_without_a_network_too() -> None:
+    first, *_, literal = commands("thesis", ["a.mp4"], Path("out")).values()
+    assert first[1:3] == ["--profile", "thesis"] and first[-1] == "out/thesis"
+    assert literal[1:3] == ["--preset", "thesis-literal"] and literal[-1] == "out/thesis-literal"
