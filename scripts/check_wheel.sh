@@ -1,5 +1,5 @@
 #!/bin/sh
-# Installs a wheel into an empty environment, and makes a call in an empty folder.
+# Installs a wheel into an empty environment, and makes a call and a letter in an empty folder.
 # usage: check_wheel.sh PYTHON WHEEL
 set -eu
 python=$1
@@ -20,3 +20,7 @@ print(clip_path(CARPHONE, Path()))')
 "$risorius" encode "$clip" --profile thesis --max-frames 12 -o call.rzo
 "$risorius" info call.rzo
 "$risorius" decode call.rzo -o decoded.mkv
+"$risorius" letter call.rzo -o letter.html
+# What a relay serves to browsers that watch; its server, aiohttp, is not installed here.
+"$folder/venv/bin/python" -c 'from risorius.page.player_parts import *
+assert all(map(player_part, (WATCH_PAGE, *WATCH_PARTS)))'

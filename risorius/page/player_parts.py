@@ -4,6 +4,10 @@ from importlib.resources import files
 
 from shared_model.errors import UserError
 
+# Of the page that watches a call from elsewhere.
+WATCH_PAGE = "watch/watch.html"
+WATCH_PARTS = "page/page.css", "built/watch.js", "built/opus.js", "data/player.bin"
+
 
 def player_part(name: str) -> bytes:
     """A file of the player.

@@ -25,7 +25,7 @@ from protocol.relay.zenoh_relay import Relay, WatchedCall
 from risorius.page.access import HEADERS
 from risorius.page.local_site import MEDIA_TYPES, Handler, answer
 from risorius.page.loop_thread import LoopThread
-from risorius.page.player_parts import player_part
+from risorius.page.player_parts import WATCH_PAGE, WATCH_PARTS, player_part
 from shared_model.errors import LINK_FAILED, UserError
 
 # Payloads that may wait for a page; a model's pieces come many at a time.
@@ -40,9 +40,6 @@ POLICY = (
     " worker-src 'self'; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'"
 )
 WATCH_HEADERS = {**HEADERS, "Content-Security-Policy": POLICY}
-# Parts of the page by their paths in the player.
-PAGE = "watch/watch.html"
-PARTS = "page/page.css", "built/watch.js", "built/opus.js", "data/player.bin"
 # Of a page, the payloads that it has not received yet.
 _Waiting = asyncio.Queue[bytes]
 
@@ -78,8 +75,8 @@ class WatchServer:
 
     def __init__(self, relay: Relay, port: int) -> None:
         self._relay, self._calls = relay, dict[str, _Watched]()
-        self._page = player_part(PAGE)
-        self._parts = {PurePath(part).name: player_part(part) for part in PARTS}
+        self._page = player_part(WATCH_PAGE)
+        self._parts = {PurePath(part).name: player_part(part) for part in WATCH_PARTS}
         self._loop = LoopThread()
         try:
             self.port = self._loop.run(self._open(port))
