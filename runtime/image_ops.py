@@ -6,7 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shared_model.arrays import Single
+from shared_model.arrays import Picture, Single
+
+# Of pictures that are shown and soon replaced.
+JPEG_QUALITY = 90
 
 
 def hull_mask(points_px: NDArray[np.floating], shape: tuple[int, int]) -> Single:
@@ -34,3 +37,15 @@ def sample_bicubic(image: NDArray[Any], positions_px: NDArray[Any]) -> Single:
     channels = 1 if image.ndim == 2 else image.shape[2]
     flat = sampled.reshape(rows * columns, channels)[: len(positions_px)]
     return np.asarray(flat, dtype=np.float32)
+
+
+def blurred(image: Single, sigma_px: float) -> Single:
+    """An image (h, w) or (h, w, channels) blurred by a Gaussian."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.float32)
+
+
+def jpeg(picture: Picture, quality: int = JPEG_QUALITY) -> bytes:
+    """A picture (h, w, 3) uint8 BGR as a JPEG file.  quality: 0 to 100."""
+    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    assert done
+    return data.tobytes()

@@ -10,8 +10,8 @@ from functools import cache
 
 import numpy as np
 
-from decoder.rendering.texture_colour import blurred
 from protocol.pictures.picture_codec import to_luma
+from runtime.image_ops import blurred
 from shared_model.appearance import atlas_of
 from shared_model.arrays import Array, Mask, Picture, Single
 from shared_model.layers.head_motion import smoothstep

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from protocol.pictures.picture_codec import LUMA_BGR, from_planes, to_planes
+from runtime.image_ops import blurred
 from runtime.jit import jit
 from shared_model.appearance import atlas_of
 from shared_model.arrays import Integers, Picture, Single
@@ -104,11 +105,6 @@ def _strength(differences: Single) -> Single:
     """(h, w) the lengths of two colour differences (h, w, 2)."""
     blue, red = differences[..., 0], differences[..., 1]
     return np.asarray(np.sqrt(blue * blue + red * red), np.float32)
-
-
-def blurred(planes: Single, sigma: float) -> Single:
-    """Planes (h, w) or (h, w, c) blurred by a Gaussian of `sigma` texels."""
-    return np.asarray(cv2.GaussianBlur(planes, (0, 0), sigma), np.float32)
 
 
 @jit

@@ -18,7 +18,6 @@ from encoder.layers.layer_samples import (
 from encoder.layers.light import fit_light, lit, unlit
 from encoder.layers.scene_motion import (
     ScenePyramid,
-    blurred,
     coarse_equations,
     fit_scene_motion,
     gradient,
@@ -30,6 +29,7 @@ from encoder.layers.scene_motion import (
 )
 from protocol.pictures.layered_background import SCENE_COEFFICIENTS
 from runtime.cauchy_weight import cauchy_weight
+from runtime.image_ops import blurred
 from shared_model.animate import Face
 from shared_model.arrays import Array, Mask, Picture, Single
 from shared_model.layers.head_motion import BackgroundMesh

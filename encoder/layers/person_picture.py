@@ -22,8 +22,8 @@ from encoder.layers.layer_samples import (
     sampled,
 )
 from encoder.layers.scene import SceneLayer
-from encoder.layers.scene_motion import blurred
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE
+from runtime.image_ops import blurred
 from runtime.jit import jit
 from runtime.parallel import available_cores, parallel_map
 from runtime.robust_mean import robust_mean

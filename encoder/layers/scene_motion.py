@@ -8,6 +8,7 @@ import numpy as np
 from encoder.fitting.gauss_newton import Equations, gauss_newton
 from encoder.layers.displacement import dot, moved_back, pixel_grid, sample
 from runtime.cauchy_weight import cauchy_weight
+from runtime.image_ops import blurred
 from shared_model.arrays import Array, Single
 from shared_model.layers.scene_motion import displacement_basis
 
@@ -91,11 +92,6 @@ def is_explained(moving: float, still: float) -> bool:
 def residual_energy(luma: Single, drawn: Single, weight: Single) -> float:
     """The weighted squared difference of a frame (h, w) and what was drawn.  weight: (h, w)."""
     return float((np.minimum((luma - drawn) ** 2, MAX_GREY2) * weight).sum())
-
-
-def blurred(image: Single, sigma: float) -> Single:
-    """An image (h, w) or (h, w, c) blurred by a Gaussian of `sigma` pixels."""
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.float32)
 
 
 def halved(image: Single) -> Single:

@@ -16,6 +16,7 @@ from loopback.quality.psnr import psnr_db, squared_error
 from loopback.quality.video_quality import in_source_pixels
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket
+from runtime.image_ops import jpeg
 from shared_model.arrays import Picture
 
 # Times at which pictures are shown, and their longer side, pixels.
@@ -114,6 +115,5 @@ def _sent(call: Path, clip: ClipPictures) -> Iterator[tuple[float, float]]:
 def _data_url(picture: Picture) -> str:
     ratio = min(1.0, LONGER_SIDE / max(picture.shape[:2]))
     small = cv2.resize(picture, None, fx=ratio, fy=ratio, interpolation=cv2.INTER_AREA)
-    done, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    assert done
-    return f"data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode()}"
+    data = jpeg(np.asarray(small, np.uint8), JPEG_QUALITY)
+    return f"data:image/jpeg;base64,{base64.b64encode(data).decode()}"

@@ -6,15 +6,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Self
 
-import cv2
-
 from risorius.call_page.face_message import FaceMessage, ModelMessage
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_server import PageServer
 from risorius.page.loop_thread import LoopThread
+from runtime.image_ops import jpeg
 from shared_model.arrays import Picture, Samples
 
-JPEG_QUALITY = 90
 # How often who waits for a page asks whether to stop, how long a slow page may take for the last
 # pictures, and these to the screen.
 NAP_S, LAST_S, LINGER_S = 0.1, 5.0, 0.5
@@ -53,9 +51,9 @@ class PageThread:
         index, time_s: of its source frame.  frozen: it repeats an older face; lost: since nothing
         has come.
         """
-        jpeg = encoded_picture(picture)
+        data = jpeg(picture)
         message = PictureMessage(
-            Stream.OTHER, index, time_s, 1000 * time.time(), jpeg, frozen, lost
+            Stream.OTHER, index, time_s, 1000 * time.time(), data, frozen, lost
         )
         self._loop.call(self._server.audience.show, message)
 
@@ -99,10 +97,3 @@ class PageThread:
 
     def _need(self, is_needed: bool) -> None:
         self.needs_pictures = is_needed
-
-
-def encoded_picture(picture: Picture) -> bytes:
-    """A picture (height, width, 3) uint8 BGR as a JPEG file."""
-    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    assert done
-    return data.tobytes()

@@ -14,7 +14,6 @@ from decoder.sound.sound_track import SoundTrack, open_sound_track
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import Arrival, PacketSource
-from risorius.call_page.page_thread import encoded_picture
 from risorius.live_call.messages import (
     Draw,
     DrawingOptions,
@@ -31,6 +30,7 @@ from risorius.live_call.packets.traffic_meter import MeteredSource, TrafficMeter
 from risorius.live_call.part_connection import PartConnection
 from risorius.live_call.shown_faces import ShownFaces
 from risorius.live_call.thinning import Thinning
+from runtime.image_ops import jpeg
 from runtime.parallel import lower_priority_of_process
 from shared_model.arrays import Samples
 from shared_model.errors import LINK_FAILED, UserError
@@ -188,11 +188,11 @@ class _Drawing:
         self.recorder.add(arrival.data, arrival.number, arrival.session)
 
     def _show(self, frame: DrawnFrame) -> None:
-        jpeg = encoded_picture(frame.picture)
+        data = jpeg(frame.picture)
         made_ms, arrival_s = 1000 * time.time(), self._thinning.arrival_s
         waited_s = 0.0 if arrival_s is None else time.monotonic() - arrival_s
         state = round(1000 * waited_s), frame.frozen, frame.lost
-        self._part.send(Drawn(frame.index, float(frame.time_s), made_ms, *state, jpeg))
+        self._part.send(Drawn(frame.index, float(frame.time_s), made_ms, *state, data))
 
     def _speak(self, sound: SoundTrack, pictures: CallPictures, index: int) -> None:
         """Send all the sound that is known.  index: of the picture that is drawn next."""

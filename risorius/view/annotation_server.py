@@ -14,12 +14,13 @@ from aam.model_file import read_model
 from risorius.page.local_site import Handler, LocalSite, answer, page_files
 from risorius.view.annotation_residual import MeanResidual, ModelResidual, Residual
 from risorius.view.annotation_state import (
+    JPEG_QUALITY,
     AnnotationFolder,
     OpenAnnotation,
     description,
-    jpeg,
     shown,
 )
+from runtime.image_ops import jpeg
 
 PARTS = ("panel.css", "annotation.css", "annotation.js")
 
@@ -102,7 +103,7 @@ class _Annotations:
     def picture(self, name: str) -> bytes:
         """What the page shows of a picture, JPEG."""
         with self._lock:
-            return jpeg(self._open(name).view.picture)
+            return jpeg(self._open(name).view.picture, JPEG_QUALITY)
 
     def stored(self, name: str) -> dict[str, Any]:
         """An annotation as its files hold it, see `shown`."""

@@ -22,6 +22,7 @@ from aam.window import FACE_CENTRE_MM, WINDOW_MM, FaceWindow, window_around
 from encoder.fitting.landmark_fit import landmark_model
 from risorius.view.annotation_residual import Residual
 from risorius.view.view_state import REGIONS
+from runtime.image_ops import jpeg
 from shared_model.arrays import Array, Integers, Picture
 from shared_model.errors import UserError, cannot_read
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
@@ -152,13 +153,6 @@ def shown(opened: OpenAnnotation, annotation: Annotation, residual: Residual) ->
     }
 
 
-def jpeg(picture: Picture) -> bytes:
-    """The bytes of a picture."""
-    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    assert done
-    return data.tobytes()
-
-
 @cache
 def face_triangles() -> tuple[Integers, Integers]:
     """Vertices (v,) of the generic head that are drawn, and triangles (t, 3) of these."""
@@ -237,4 +231,4 @@ def _points(index: NDArray[Any], points: Array) -> list[list[float]]:
 
 
 def _data_url(picture: Picture) -> str:
-    return f"data:image/jpeg;base64,{b64encode(jpeg(picture)).decode()}"
+    return f"data:image/jpeg;base64,{b64encode(jpeg(picture, JPEG_QUALITY)).decode()}"

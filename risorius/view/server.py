@@ -15,7 +15,6 @@ from pathlib import Path
 from threading import Condition
 from typing import Any
 
-import cv2
 import numpy as np
 from aiohttp import web
 
@@ -25,6 +24,7 @@ from risorius.page.access import HEADERS
 from risorius.page.local_site import LocalSite, answer, fixed, page_files
 from risorius.page.loop_thread import LoopThread
 from risorius.view.view_state import page_description, state_from_query
+from runtime.image_ops import jpeg
 from shared_model.arrays import Picture
 from shared_model.errors import UserError
 from shared_model.parameters import clip_eau
@@ -121,9 +121,7 @@ def serve(request: RenderRequest, actor: Actor) -> None:
     except UserError as error:
         request.picture.set_exception(error)
         return
-    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    assert done
-    request.picture.set_result(data.tobytes())
+    request.picture.set_result(jpeg(picture, JPEG_QUALITY))
 
 
 def _lit(picture: Picture, state: AnimationState) -> Picture:

@@ -17,7 +17,7 @@ pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 from benchmarks.browser import Browser
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_server import PageServer
-from risorius.call_page.page_thread import encoded_picture
+from runtime.image_ops import jpeg
 
 SETUP = {
     **{"call": "anna", "camera": True, "microphone_hz": 16000, "has_voice": True},
@@ -158,7 +158,7 @@ def test_one_sees_oneself_at_once_as_in_a_mirror_then_as_the_others_do(
     page.tell("setup", **SETUP)
     browser.wait("!el('camera').hidden && el('camera').videoWidth > 0 && el('self').hidden")
     assert "-1" in browser.value("getComputedStyle(el('camera')).transform")
-    grey = encoded_picture(np.full((48, 64, 3), 90, np.uint8))
+    grey = jpeg(np.full((48, 64, 3), 90, np.uint8))
     page.show(Stream.SELF, 0, grey)
     browser.wait("el('camera').hidden && !el('self').hidden")
 
@@ -174,10 +174,10 @@ def test_a_computer_that_is_too_slow_leaves_pictures_out_and_says_so(
     };
     """
     open_page(browser, page, slow)
-    jpeg = encoded_picture(np.full((48, 64, 3), 90, np.uint8))
+    data = jpeg(np.full((48, 64, 3), 90, np.uint8))
     begin = time.monotonic()
     for index in range(200):
-        page.show(Stream.OTHER, index, jpeg)
+        page.show(Stream.OTHER, index, data)
         time.sleep(max(0.0, begin + index / 25 - time.monotonic()))
     assert browser.value("players[OTHER].leftOut") > 50
     assert browser.value("players[OTHER].coded.length") <= 24

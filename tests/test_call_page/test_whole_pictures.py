@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from processes import LIMIT_S
 
+from runtime.image_ops import jpeg
 from shared_model.arrays import Picture
 
 aiohttp = pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
 from risorius.call_page.messages import PictureMessage, Stream  # noqa: E402
 from risorius.call_page.page_server import PageServer  # noqa: E402
-from risorius.call_page.page_thread import PageThread, encoded_picture  # noqa: E402
+from risorius.call_page.page_thread import PageThread  # noqa: E402
 
 COUNT, STEP = 20, 12
 # Of noise: more than a connection takes before somebody reads.
@@ -48,7 +49,7 @@ def test_a_picture_that_is_drawn_over_is_shown_as_it_was() -> None:
 
 
 def test_a_picture_on_its_way_when_the_call_ends_is_whole() -> None:
-    noise = encoded_picture(np.random.default_rng(1).integers(0, 256, LARGE, np.uint8))
+    noise = jpeg(np.random.default_rng(1).integers(0, 256, LARGE, np.uint8))
 
     async def read() -> bytes:
         async with PageServer(patience_s=LIMIT_S) as page, aiohttp.ClientSession() as client:

@@ -9,7 +9,8 @@ from encoder.layers.displacement import pixel_grid, sample
 from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import CoarseFrame
 from encoder.layers.scene import SceneLayer
-from encoder.layers.scene_motion import blurred, scene_basis, scene_origins
+from encoder.layers.scene_motion import scene_basis, scene_origins
+from runtime.image_ops import blurred
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.layers.head_motion import make_background_mesh
