@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+from aam.charts import has_charts
+from aam.training.report import variance_chart
 from benchmarks.validate_aam import tables
 from benchmarks.validate_aam.asked import Asked, Part, joined, verdict
 from benchmarks.validate_aam.contenders import Contender
@@ -33,7 +35,9 @@ RANGES = {"ry": ("yaw", -20, 20), "rz": ("roll", -15, 15), "rx": ("pitch", -27, 
 def model_part(
     pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample], seed: int
 ) -> Part:
-    """Compactness and specificity (3.1.1, 3.1.3); what the modes can reach on the test set."""
+    """Compactness and specificity (3.1.1, 3.1.3); what the modes can reach on the test set; with
+    matplotlib the share of the variance that each mode has (Fig. 2.14).
+    """
     near, near_test = (list(filter(is_near_frontal, each)) for each in (train, test))
     counts = {name: mode_counts(each, near) for name, each in pair.items()}
     equal = {name: modes_of_equal_error(each, near, near_test) for name, each in pair.items()}
@@ -80,7 +84,11 @@ def model_part(
             verdict({"": specific["head"] < min(6.28, specific["2D"])}),
         ),
     )
-    return Part("## Compactness and specificity\n\n" + tables.table(head, rows), {}, asked)
+    charts = {
+        f"variance_{name}.svg": variance_chart(each.levels[-1])
+        for name, each in (pair.items() if has_charts() else ())
+    }
+    return Part("## Compactness and specificity\n\n" + tables.table(head, rows), charts, asked)
 
 
 def _fewer(

@@ -214,6 +214,8 @@ def test_prediction_and_modes_of_both_are_told(pair: dict[str, Contender]) -> No
     model = model_part(pair, TRAIN, TEST, 1)
     assert "9, 81, 33" in model.text and "specificity" in model.text
     assert len(model.asked) == 3 and all(" against " in each.reached for each in model.asked)
+    assert list(model.files) == ["variance_head.svg", "variance_2D.svg"]
+    assert all("combined" in str(chart) for chart in model.files.values())
 
 
 def test_residual_modes_take_in_what_ae_shapes_leave_of_the_landmarks(
