@@ -3,7 +3,7 @@
 Renders the person of each call file (thesis profile) with moving pose and expression, tracks the
 video with the whole tracker and with each part left out, and prints RMS errors (eq. 5.1) in
 Markdown.  --aam MODEL adds the tracker whose landmarks are those of a statistical model, searched
-in every frame.  --out takes the sequences, figures.json and charts.
+in every frame.  --yaw: degrees to either side.  --out takes the sequences, figures.json and charts.
 """
 
 import argparse
@@ -32,7 +32,7 @@ THESIS_RMSE = (3.395, 4.565, 2.552, 0.095, 0.122, 0.256, 0.105)
 FPS, KEY_S = 25, 0.2
 # Track -> (amplitude, period in s).  Periods have no common multiple within the sequence, so that
 # extremes meet in many ways.
-POSE = {"yaw": (40.0, 6.1), "pitch": (25.0, 4.7), "roll": (30.0, 7.3)}
+POSE = {"yaw": (45.0, 6.1), "pitch": (25.0, 4.7), "roll": (30.0, 7.3)}
 EAUS = {
     "jaw_drop": (0.8, 1.7),
     "mouth_corners": (0.8, 2.3),
@@ -75,12 +75,11 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("call", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=Path("out/tracking"))
     parser.add_argument("--frames", type=int, default=600)
+    parser.add_argument("--yaw", type=float, default=POSE["yaw"][0], metavar="DEGREES")
     parser.add_argument("--only", nargs="*", default=list(CONFIGURATIONS), metavar="CONFIGURATION")
     parser.add_argument("--aam", metavar="MODEL")
     options = parser.parse_args(arguments)
-    options.out.mkdir(parents=True, exist_ok=True)
-    script = options.out / "calibration.toml"
-    script.write_text(calibration_script(options.frames / FPS))
+    script = write_script(options.out, options.frames, options.yaw)
     figures: dict[str, dict[str, Any]] = {}
     for call in options.call:
         video, truth = render_sequence(script, call, options.out)
@@ -118,8 +117,21 @@ def configurations_with_model(model: str | None) -> dict[str, TrackingOptions]:
     }
 
 
-def calibration_script(seconds: float) -> str:
-    """An animation script (docs/animate.md) whose tracks are sinusoids, neutral at time 0."""
+def write_script(out: Path, frames: int, yaw_deg: float) -> Path:
+    """The script of so many frames in a folder, as old as it is where it says the same."""
+    out.mkdir(parents=True, exist_ok=True)
+    script, text = out / "calibration.toml", calibration_script(frames / FPS, yaw_deg)
+    if not script.exists() or script.read_text() != text:
+        script.write_text(text)
+    return script
+
+
+def calibration_script(seconds: float, yaw_deg: float = POSE["yaw"][0]) -> str:
+    """An animation script (docs/animate.md) whose tracks are sinusoids, neutral at time 0.
+
+    yaw_deg: how far the head turns to either side.
+    """
+    pose = POSE | {"yaw": (yaw_deg, POSE["yaw"][1])}
     lines = [f"seconds = {seconds}", f"fps = {FPS}", "noise = 2.0"]
     for time_s in np.arange(0, seconds, KEY_S):
 
@@ -137,7 +149,7 @@ def calibration_script(seconds: float) -> str:
         lines += [
             "[[key]]",
             f"time = {time_s:.3f}",
-            f"pose = {{ {swing(POSE, {})} }}",
+            f"pose = {{ {swing(pose, {})} }}",
             f"eau = {{ {swing(EAUS, {})} }}",
             f"light = {{ {swing(LIGHT, {'brightness': 1.0})} }}",
         ]
@@ -145,9 +157,9 @@ def calibration_script(seconds: float) -> str:
 
 
 def render_sequence(script: Path, call: Path, out: Path) -> tuple[Path, dict[str, Any]]:
-    """The sequence of one call, rendered unless it exists, and its ground truth."""
+    """The sequence of one call, rendered unless it is newer than its script, and its truth."""
     video = out / f"{call.stem}.mkv"
-    if not video.exists():
+    if not video.exists() or video.stat().st_mtime_ns < script.stat().st_mtime_ns:
         animate(AnimateOptions(script, video, call_file=call), lambda *_: None, lambda: False)
     return video, json.loads(video.with_suffix(".json").read_text())
 

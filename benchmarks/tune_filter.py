@@ -20,11 +20,11 @@ from benchmarks.command import run
 from benchmarks.track_synthetic import (
     ANGLES,
     CONFIGURATIONS,
-    FPS,
-    calibration_script,
+    POSE,
     errors,
     render_sequence,
     track_video,
+    write_script,
 )
 from encoder.thesis.ekf import Estimate, FaceFilter, Measurements, ProcessNoise
 from shared_model.parameters import THESIS_EAUS
@@ -39,13 +39,12 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("call", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=Path("out/tuning"))
     parser.add_argument("--frames", type=int, default=225)
+    parser.add_argument("--yaw", type=float, default=POSE["yaw"][0], metavar="DEGREES")
     parser.add_argument("--q", nargs="+", type=float, default=FACTORS, metavar="FACTOR")
     parser.add_argument("--r", nargs="+", type=float, default=FACTORS, metavar="FACTOR")
     parser.add_argument("--configuration", choices=list(CONFIGURATIONS), default="all parts")
     options = parser.parse_args(arguments)
-    options.out.mkdir(parents=True, exist_ok=True)
-    script = options.out / "calibration.toml"
-    script.write_text(calibration_script(options.frames / FPS))
+    script = write_script(options.out, options.frames, options.yaw)
     sequences = [render_sequence(script, call, options.out) for call in options.call]
     names = [*ANGLES, *(name.replace("_", " ") for name in THESIS_EAUS), "lost %"]
     print(f"| Q | R | {' | '.join(names)} |\n{'|---' * (len(names) + 2)}|")

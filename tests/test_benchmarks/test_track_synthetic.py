@@ -1,5 +1,6 @@
 """The synthetic experiment's script and its error measures; its charts."""
 
+import os
 import tomllib
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from benchmarks.track_synthetic import (
     errors,
     ground_truth_values,
     write_charts,
+    write_script,
 )
 from risorius.animation.animation_script import parse_script
 from shared_model import parameters
@@ -48,6 +50,19 @@ def test_the_sequence_starts_at_rest_and_goes_to_its_ends() -> None:
         values = [moment.eau[EAU_INDEX[name]] for moment in moments]
         assert max(values) == pytest.approx(most, rel=0.03)
         assert min(values) == pytest.approx(0 if name == "jaw_drop" else -most, rel=0.03)
+
+
+def test_the_sequence_turns_as_far_as_it_is_told() -> None:
+    script = parse_script(tomllib.loads(calibration_script(24, yaw_deg=20)), Path())
+    yaw = [script.at(t).pose["yaw"] for t in np.arange(0, 24, 0.04)]
+    assert max(yaw) == pytest.approx(20, rel=0.03)
+
+
+def test_only_another_script_makes_sequences_old(tmp_path: Path) -> None:
+    script = write_script(tmp_path, 25, 45)
+    os.utime(script, ns=(1, 1))
+    assert write_script(tmp_path, 25, 45).stat().st_mtime_ns == 1
+    assert write_script(tmp_path, 25, 40).stat().st_mtime_ns > 1
 
 
 def test_the_truth_has_no_error() -> None:
