@@ -1,26 +1,38 @@
 """Letters in a browser: their pictures beside those of the decoder, their page, their errors."""
 
-from itertools import islice
+import base64
+import os
+import signal
+import tempfile
+import time
+from itertools import cycle, islice
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
+from call_contents import count_packets
 from conftest import without_layers
 from sounds import voiced_sound
 from vector_contents import VECTORS
+from videos import read_frames
 
 from benchmarks.browser import Browser
 from benchmarks.played_letter import SOFTWARE_GL, PlayedLetter
 from decoder.call_pictures import CallPictures
 from decoder.playout.call_source import CallSource
 from decoder.sinks.frame_sink import open_sink
+from encoder.capture import video_source
 from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import open_source
 from loopback.quality.psnr import squared_error
+from protocol.summary import summarise
 from risorius.cli import main
+from risorius.command_line.parser import INTERRUPTED
 from risorius.letter.letter_page import letter_page
 from shared_model.arrays import Picture
 
+Capture = pytest.CaptureFixture[str]
 # Between the pictures of the two decoders; in pictures of 64x48 with textures of noise a pixel at
 # the edge of the face weighs more, and what is added to the layers is larger than they are.
 LEAST_PSNR_DB, LEAST_OF_VECTORS_DB = 45.0, 36.0
@@ -136,6 +148,55 @@ def test_errors_are_one_line(
     told = capsys.readouterr().err
     assert message in told
     assert told.count("\n") == 1
+
+
+class StoppedCamera:
+    """A camera that shows a video, and Ctrl-C once the call in `folder` has some packets.
+
+    pictures: of the video, over and over again.
+    """
+
+    stated_fps = 5.0
+    notes: ClassVar[list[str]] = []
+
+    def __init__(self, pictures: list[Picture], folder: Path) -> None:
+        self._pictures, self._folder = cycle(pictures), folder
+        self._is_stopped = False
+
+    def read(self) -> Picture:
+        time.sleep(1 / self.stated_fps)
+        parts = self._folder.glob("*/*.part")
+        if not self._is_stopped and any(count_packets(part) >= 4 for part in parts):
+            self._is_stopped = True
+            os.kill(os.getpid(), signal.SIGINT)
+        return next(self._pictures)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def test_a_letter_of_a_camera_ends_with_ctrl_c(
+    slow_clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    pictures, letter = read_frames(slow_clip), tmp_path / "letter.html"
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    camera = StoppedCamera(pictures, tmp_path)
+    monkeypatch.setattr(video_source, "Camera", lambda number: camera)
+    with without_layers():
+        assert main(["letter", "0", "-o", str(letter), "--model-bytes", "3000"]) == INTERRUPTED
+    assert [path.name for path in tmp_path.iterdir()] == [letter.name]
+    assert capsys.readouterr().out.startswith(f"{letter}: {letter.stat().st_size / 1e3:.1f} kB")
+    call = tmp_path / "call.rzo"
+    call.write_bytes(call_in(letter))
+    summary = summarise(call)
+    assert summary.complete and summary.profile == "default"
+    assert summary.frame_packets > 1 and summary.damaged_packets == 0
+
+
+def call_in(letter: Path) -> bytes:
+    """The call file in a letter."""
+    _, _, rest = letter.read_bytes().partition(b'id="call">')
+    return base64.b85decode(rest.partition(b"<")[0].translate(bytes.maketrans(b"/,", b"<&")))
 
 
 def test_a_letter_of_a_video_with_a_voice_is_heard(

@@ -11,13 +11,12 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from call_contents import count_packets
 from conftest import PROGRAM, ROOT, Start
 from processes import LIMIT_S, error_line, finish, one_line, wait_until
 from videos import endless_video
 
 from benchmarks.measured_process import cpu_s
-from protocol.call_file import CallReader
-from protocol.call_records import TruncatedCall
 from protocol.summary import summarise
 from risorius.cli import main
 
@@ -195,15 +194,3 @@ def test_without_the_landmark_networks_the_encoder_warns_and_goes_on(
     assert result.returncode == 0
     assert "Viola-Jones" in one_line(result.stderr)
     assert summarise(call).frames == 6
-
-
-def count_packets(path: Path) -> int:
-    """Whole packets in a call file that is still being written."""
-    count = 0
-    with path.open("rb") as file:
-        try:
-            for _ in CallReader(file):
-                count += 1
-        except TruncatedCall:
-            return count
-    return count
