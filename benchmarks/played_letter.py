@@ -3,7 +3,7 @@
 import base64
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -17,6 +17,8 @@ SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 DECODED_S = 60.0
 # How long a browser may take to start.
 STARTED_S = 10.0
+# Emulated conditions of a network.
+OFFLINE: dict[str, Any] = {"offline": True, "latency": 0, "downloadThroughput": 0, "uploadThroughput": 0}
 GRAB = """
 window.grab = (index) => {
   letter.player.draw(index);
@@ -94,7 +96,7 @@ window.Worker = class extends Worker {
 
 
 class PlayedLetter:
-    """A letter in a browser; a context manager.
+    """A letter in a browser that has no network; a context manager.
 
     program: path of Chromium.  folder: for its profile.  letter: the HTML file.
     is_running: whether the browser has had time to start before the letter is opened.
@@ -112,6 +114,8 @@ class PlayedLetter:
         self.browser = Browser(program, folder, width, height, *SOFTWARE_GL)
         if is_running:
             wait_until_idle(STARTED_S)
+        self.browser.call("Network.enable")
+        self.browser.call("Network.emulateNetworkConditions", **OFFLINE)
         self.browser.call("Page.enable")
         self.browser.call("Page.addScriptToEvaluateOnNewDocument", source=OPENED)
         self.browser.call("Page.navigate", url=letter.absolute().as_uri())
@@ -136,6 +140,12 @@ class PlayedLetter:
     def errors(self) -> Sequence[str]:
         """Errors of the page's scripts that nobody has caught."""
         return list(self.browser.value("errors"))
+
+    @property
+    def requests(self) -> Sequence[str]:
+        """Addresses that the page has asked for."""
+        entries = "performance.getEntriesByType('resource')"
+        return list(self.browser.value(f"{entries}.map((entry) => entry.name)"))
 
     @property
     def frames(self) -> int:

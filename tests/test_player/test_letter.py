@@ -59,7 +59,7 @@ def check_pictures(call: Path, folder: Path, chromium: str, least_db: float) -> 
         for index in range(0, len(expected), max(1, len(expected) // 12)):
             error = float(np.mean(squared_error(expected[index], played.picture(index))))
             assert error < 255**2 / 10 ** (least_db / 10), f"frame {index}"
-        assert (played.message, list(played.errors)) == ("", [])
+        assert (played.message, played.errors, played.requests) == ("", [], [])
 
 
 @pytest.mark.parametrize("name", ["call", "live_call", "recorded_call"])
@@ -92,6 +92,7 @@ def test_a_letter_plays_seeks_and_loops(call: Path, tmp_path: Path, chromium: st
         browser.wait("letter.drawn < 5")
         fits = "document.documentElement.scrollWidth <= innerWidth"
         assert browser.value(fits)
+        assert not browser.value("navigator.onLine") and not played.requests
 
 
 def test_a_letter_of_a_damaged_call_says_so(tmp_path: Path, chromium: str) -> None:
