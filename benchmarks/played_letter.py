@@ -18,7 +18,10 @@ DECODED_S = 60.0
 # How long a browser may take to start.
 STARTED_S = 10.0
 # Emulated conditions of a network.
-OFFLINE: dict[str, Any] = {"offline": True, "latency": 0, "downloadThroughput": 0, "uploadThroughput": 0}
+OFFLINE: dict[str, Any] = {
+    "offline": True,
+    **dict.fromkeys(("latency", "downloadThroughput", "uploadThroughput"), 0),
+}
 GRAB = """
 window.grab = (index) => {
   letter.player.draw(index);

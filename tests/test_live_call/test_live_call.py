@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
+from urllib.request import urlopen
 
 import cv2
 import numpy as np
@@ -33,7 +34,7 @@ from loopback.process_pair import free_port
 from protocol.errors import ProtocolError
 from protocol.link.carriers import open_link_sink
 from protocol.link.interface import LinkOptions, Reachability
-from protocol.security.invitation import Invitation, random_key
+from protocol.security.invitation import Invitation, parse_key, random_key
 from protocol.security.link_security import LinkSecurity
 from protocol.summary import summarise
 
@@ -95,12 +96,34 @@ def browser(tmp_path: Path, material: Material, chromium: str) -> Iterator[Brows
 
 
 def page_of(process: "subprocess.Popen[str]") -> str:
+    return said_until_page(process)[-1].split()[-1]
+
+
+def said_until_page(process: "subprocess.Popen[str]") -> list[str]:
+    """The lines up to that with the page's address."""
     assert process.stderr is not None
     lines = list[str]()
     while not lines or "the page is at http://127.0.0.1:" not in lines[-1]:
         lines.append(process.stderr.readline())
         assert lines[-1], lines
-    return lines[-1].split()[-1]
+    return lines
+
+
+def scanned(browser: Browser) -> str:
+    """What the QR code on the page says."""
+    left, top, width, height = map(int, browser.box("#invitation svg"))
+    shown = browser.screenshot()[top : top + height, left : left + width]
+    large = cv2.resize(shown, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST)
+    return cv2.QRCodeDetector().detectAndDecode(large)[0]
+
+
+def check_shared(address: str, invitation: Invitation) -> None:
+    """It is the page that watches this end; the key is not sent."""
+    place, _, key = address.partition("#")
+    assert parse_key(key) == invitation.key
+    assert place.startswith("http://127.0.0.1:") and place.endswith("/anna-a")
+    with urlopen(place) as response:
+        assert b"watch.js" in response.read()
 
 
 def see_and_hear(browser: Browser, watcher: Watcher, second: "subprocess.Popen[str]") -> None:
@@ -227,13 +250,15 @@ def test_two_people_see_and_hear_each_other(
     invitation = Invitation("127.0.0.1", free_port(), "anna", random_key())
     line, folder = tmp_path / "invitation", ("--folder", tmp_path)
     line.write_text(str(invitation))
-    place = ("--listen", invitation.address, "--invite-file", line)
+    place = ("--listen", invitation.address, "--invite-file", line, "--share", "0")
     first = start("call", *place, *folder, "--face", material.face)
-    page = page_of(first)
+    *_, shared, page = (each.split()[-1] for each in said_until_page(first))
     browser.call("Page.navigate", url=f"{page}?draws")
     browser.wait("typeof players != 'undefined'")
     browser.wait("el('state').textContent == 'waiting for a call'")
     assert browser.value("el('invitation').querySelector('code').textContent") == str(invitation)
+    assert scanned(browser) == shared
+    check_shared(shared, invitation)
     second = start("call", str(invitation), *folder, "--camera", material.clip)
     with Watcher(page_of(second)) as watcher:
         see_and_hear(browser, watcher, second)
