@@ -219,7 +219,15 @@ function startTape() {
 // Faces come: this page draws them, where it can.
 async function drawFaces() {
   const isForced = new URLSearchParams(location.search).has("draws");
-  if (isWindow || !faces.canDraw(isForced)) return;
+  if (isWindow) return;
+  if (!faces.canDraw(isForced)) {
+    // Other news stay.
+    if (el("news").hidden)
+      showNews({
+        text: "risorius draws the pictures: this browser has no WebGL 2 on a graphics card.",
+      });
+    return;
+  }
   const answer = await fetch("player.bin");
   if (!answer.ok) return;
   const data = await answer.arrayBuffer();

@@ -15,6 +15,7 @@ from processes import LIMIT_S
 pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
 from benchmarks.browser import Browser
+from benchmarks.played_letter import SOFTWARE_GL
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_server import PageServer
 from runtime.image_ops import jpeg
@@ -184,6 +185,21 @@ def test_a_computer_that_is_too_slow_leaves_pictures_out_and_says_so(
     waits = browser.value("players[OTHER].log.slice(-5).map(each => each[1] - each[2])")
     assert max(waits) < 4000
     browser.wait("!el('note').hidden && el('note').textContent.includes('too slow')")
+
+
+@pytest.mark.parametrize("is_software", [True, False], ids=["software", "no WebGL"])
+def test_a_page_without_a_graphics_card_says_that_the_program_draws(
+    is_software: bool, page: Page, chromium: str, tmp_path: Path
+) -> None:
+    flags = SOFTWARE_GL if is_software else ("--disable-3d-apis",)
+    with Browser(chromium, tmp_path / "b", 800, 600, *flags) as browser:
+        open_page(browser, page)
+        has_webgl = "document.createElement('canvas').getContext('webgl2') !== null"
+        assert browser.value(has_webgl) == is_software
+        page.tell("faces")
+        browser.wait("!el('news').hidden")
+        assert "risorius draws" in browser.value("el('news').textContent")
+        assert browser.value("players[OTHER].drawer === null")
 
 
 def test_a_call_that_has_ended_has_no_live_buttons(browser: Browser) -> None:
