@@ -77,7 +77,7 @@ class LetterPage {
     if (event.key === " " && !isButton) this.#toggle();
     else if (event.key === "ArrowLeft") clock.seek(clock.timeS - KEY_STEP_S);
     else if (event.key === "ArrowRight") clock.seek(clock.timeS + KEY_STEP_S);
-    else if (event.key === "f") toggleFullScreen();
+    else if (event.key === "f" || event.key === "F") toggleFullScreen();
     else return;
     event.preventDefault();
   }

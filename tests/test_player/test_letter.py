@@ -90,6 +90,11 @@ def test_a_letter_plays_seeks_and_loops(call: Path, tmp_path: Path, chromium: st
         browser.click("#loop")
         browser.click("#play")
         browser.wait("letter.drawn < 5")
+        browser.value("document.getElementById('screen').requestFullscreen = async () => isFull++")
+        for key in "fF":
+            browser.value("window.isFull = 0")
+            browser.value(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
+            assert browser.value("isFull") == 1
         fits = "document.documentElement.scrollWidth <= innerWidth"
         assert browser.value(fits)
         assert not browser.value("navigator.onLine") and not played.requests
