@@ -9,14 +9,11 @@ import numpy as np
 
 from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import is_pipe, open_source
-from loopback.judge.comparison import compare, observe_source
+from loopback.figures import FIGURES
+from loopback.judge.comparison import Comparison, compare, observe_source
 from loopback.judge.observer import Observer, find_observer
-from loopback.judge.voice import VoiceQuality
 from loopback.process_pair import CallResult, busy_loops, pinned, run_call
-from loopback.quality.landmark_metrics import LandmarkMetrics
-from loopback.quality.region_quality import RegionQuality
-from loopback.quality.video_quality import Quality
-from loopback.report import figure, rounded, wrapped_table
+from loopback.report import figure, figure_names, rounded, wrapped_table
 from loopback.report_page import environment, html_table, page, stacked_bars
 from protocol.summary import nominal_duration_s
 from shared_model.errors import UserError
@@ -24,27 +21,8 @@ from shared_model.errors import UserError
 # Per frame of the source, and to start the processes and fit the model.
 LIMIT_S_PER_FRAME = 3.0
 LIMIT_START_S = 120.0
-TABLE_COLUMNS = {
-    "source": "clip",
-    "frames": "frames",
-    "model_bytes": "model B",
-    "frame_bps": "bps",
-    "face_psnr_db": "face dB",
-    "face_psnr_p5_db": "p5",
-    "person_psnr_db": "person",
-    "background_psnr_db": "behind",
-    "full_psnr_db": "picture",
-    "face_ssimulacra2": "SSIMU2 face",
-    "picture_ssimulacra2": "of picture",
-    "nme_percent": "nme %",
-    "mouth_corr": "mouth",
-    "blink_corr": "blink",
-    "emotion_agreement": "emotion",
-    "latency_ms.p50": "lat p50 ms",
-    "latency_ms.p99": "p99",
-    "encoder_fps": "enc fps",
-    "decoder_fps": "dec fps",
-}
+TABLE_COLUMNS = {each.name: each.column for each in FIGURES if each.column}
+AVERAGED_FIGURES = tuple(each.name for each in FIGURES if each.is_averaged)
 # Figures of a call, apart from those of its pictures and the milliseconds of each stage.
 CALL_FIGURES = (
     *("frames", "shown_frames", "fps", "width", "height", "duration_s"),
@@ -54,20 +32,10 @@ CALL_FIGURES = (
 )
 # Of report.json: raised where a figure changes its name or meaning.
 SCHEMA = "risorius-bench/1"
-JUDGE = ("judge", "judge_is_independent", "identity", "emotion_agreement", "vmaf", "lpips", "dists")
 STAGES = (
     *("encoder_ms.", "decoder_ms.", "encoder_cpu_ms.", "decoder_cpu_ms."),
     *("encoder_frame_ms.", "decoder_frame_ms.", "overload_levels."),
 )
-# Figures that have a mean over clips.
-AVERAGED_FIGURES = (
-    *("model_bytes", "frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db"),
-    *("person_psnr_db", "background_psnr_db", "face_ssimulacra2", "picture_ssimulacra2"),
-    *("flicker_ratio", "nme_percent", "face_found", "mouth_corr", "brow_corr", "blink_corr"),
-    *("jitter_ratio", "overloaded_frames", "identity", "emotion_agreement"),
-)
-
-
 # Settings that are no options of the encoder, or are always given.
 OF_THE_BENCH = ("profile", "busy", "cores")
 
@@ -180,12 +148,7 @@ def bench_clip(
 
 def is_figure(name: str) -> bool:
     """Whether a clip's report has a figure of this dotted name."""
-    of_pictures = {
-        item.name
-        for kind in (Quality, RegionQuality, LandmarkMetrics, VoiceQuality)
-        for item in fields(kind)
-    }
-    return name in of_pictures.union(CALL_FIGURES, JUDGE) or name.startswith(STAGES)
+    return name in figure_names(Comparison).union(CALL_FIGURES) or name.startswith(STAGES)
 
 
 def call_figures(result: CallResult, profile: str) -> dict[str, Any]:

@@ -3,9 +3,9 @@
 import json
 import math
 from collections.abc import Container, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
 from shared_model.whole_file import whole_file
 
@@ -33,6 +33,32 @@ def json_text(report: "DataclassInstance | Mapping[str, Any]") -> str:
     """A dataclass or mapping as JSON."""
     content = dict(report) if isinstance(report, Mapping) else asdict(report)
     return json.dumps(content, indent=2, allow_nan=False)
+
+
+def figures_of(report: "DataclassInstance") -> dict[str, Any]:
+    """The fields of a dataclass by name, in order; of a dataclass in it, its fields, None: none."""
+    parts, figures = _parts(type(report)), dict[str, Any]()
+    for item in fields(report):
+        value = getattr(report, item.name)
+        if item.name not in parts:
+            figures[item.name] = value
+        elif value is not None:
+            figures |= figures_of(value)
+    return figures
+
+
+def figure_names(kind: "type[DataclassInstance]") -> set[str]:
+    """The names of all figures that `figures_of` may find in such a dataclass."""
+    parts = _parts(kind)
+    names = {item.name for item in fields(kind) if item.name not in parts}
+    return names.union(*map(figure_names, parts.values()))
+
+
+def _parts(kind: "type[DataclassInstance]") -> "dict[str, type[DataclassInstance]]":
+    """The fields of a dataclass that are dataclasses, or may be."""
+    hints = get_type_hints(kind).items()
+    kinds = ((name, part) for name, hint in hints for part in (hint, *get_args(hint)))
+    return {name: part for name, part in kinds if is_dataclass(part) and isinstance(part, type)}
 
 
 def flatten(report: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -1,7 +1,7 @@
 """A decoded video beside its source: all figures that are measured of it."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType
@@ -25,7 +25,7 @@ from loopback.quality.video_quality import (
     face_oval_mask,
     measure_quality,
 )
-from loopback.report import rounded
+from loopback.report import figures_of, rounded
 from shared_model.arrays import Array, Mask, Picture
 
 Warn = Callable[[str], None]
@@ -66,32 +66,28 @@ class SourceView:
 class Comparison:
     """The figures of a decoded video.
 
-    judge: who has found face and person.  is_independent: the encoder does not use it.
     identity: mean cosine of the features of a face recognition network, of the same moments; other
         people's are below .5, the same person's at another time .8 to .95.
     emotion_agreement: share of the frames that show the source's emotion, see `emotion_agreement`.
     vmaf: of the whole picture, mean, 0 to 100, where an `ffmpeg` has it.
     lpips, dists: of the whole picture, every tenth frame, where the user has named a network.
+    judge: who has found face and person.  judge_is_independent: the encoder does not use it.
     """
 
-    judge: str
-    is_independent: bool
     quality: Quality
     faces: LandmarkMetrics
+    identity: float | None
+    emotion_agreement: float | None
+    vmaf: float | None
+    lpips: float | None
+    dists: float | None
     voice: VoiceQuality
-    identity: float | None = None
-    emotion_agreement: float | None = None
-    vmaf: float | None = None
-    lpips: float | None = None
-    dists: float | None = None
+    judge: str
+    judge_is_independent: bool
 
     def figures(self) -> dict[str, Any]:
-        """All figures by name, and the judge."""
-        judge = {"judge": self.judge, "judge_is_independent": self.is_independent}
-        names = "identity", "emotion_agreement", "vmaf", "lpips", "dists"
-        more = {name: getattr(self, name) for name in names}
-        faces, voice = asdict(self.faces), asdict(self.voice)
-        return {**self.quality.figures(), **faces, **more, **voice, **judge}
+        """All figures by name, those of its parts among them."""
+        return figures_of(self)
 
 
 def observe_source(
@@ -149,15 +145,23 @@ def compare(
             identity = _identity(view, decoded, found, observer)
             emotions = emotion_agreement(view.landmarks[: len(found)], found, size)
     voice = compare_voices(view.source, decoded, observer) if with_voice else VoiceQuality()
-    judge = observer.name, observer.is_independent
     similar = _vmaf(view, decoded) if with_vmaf else None
     distances = {
         name: rounded(learned_distance(name, path, observer, _pairs(view, decoded), view.size), 4)
         for name, path in networks.items()
     }
-    likeness = rounded(identity, 3), emotions, rounded(similar)
-    learned = distances.get("lpips"), distances.get("dists")
-    return Comparison(*judge, quality, faces, voice, *likeness, *learned)
+    return Comparison(
+        quality,
+        faces,
+        identity=rounded(identity, 3),
+        emotion_agreement=emotions,
+        vmaf=rounded(similar),
+        lpips=distances.get("lpips"),
+        dists=distances.get("dists"),
+        voice=voice,
+        judge=observer.name,
+        judge_is_independent=observer.is_independent,
+    )
 
 
 def _pairs(view: SourceView, decoded: str) -> Iterator[tuple[Picture, Picture]]:

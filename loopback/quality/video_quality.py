@@ -1,7 +1,7 @@
 """PSNR of a decoded video against its source, over the face and over the whole picture."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import zip_longest
 from typing import Any
@@ -18,7 +18,7 @@ from encoder.detection.landmarks import open_landmark_tracker
 from encoder.detection.tflite import NetworkFilesMissing
 from loopback.quality.psnr import psnr_db, squared_error
 from loopback.quality.region_quality import RegionMeter, RegionQuality
-from loopback.report import rounded
+from loopback.report import figures_of, rounded
 from runtime.image_ops import hull_mask
 from shared_model.arrays import Array, Mask, Picture
 from shared_model.errors import UserError
@@ -54,9 +54,7 @@ class Quality:
 
     def figures(self) -> dict[str, Any]:
         """All figures by name, those of the regions among the others if they were measured."""
-        figures = asdict(self)
-        regions: dict[str, Any] = figures.pop("regions") or {}
-        return figures | regions
+        return figures_of(self)
 
 
 class TrackedFaceMask:

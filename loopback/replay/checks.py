@@ -6,18 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from loopback.figures import less_is_better
 from loopback.report import Cell, flatten, rounded, table, write_report
 from shared_model.errors import UserError
 
-# Figures of which less is better; of all others more is.
-LESS_IS_BETTER = (
-    *("latency_ms", "encoder_ms", "decoder_ms", "encoder_cpu_ms", "decoder_cpu_ms"),
-    *("encoder_frame_ms", "decoder_frame_ms", "worst_lag_ms", "overloaded_frames"),
-    *("overload_levels", "omitted_frames", "skipped_frames", "lost_packets", "lost_frames"),
-    *("model_bytes", "frame_bytes", "frame_bps", "nme_percent", "mouth_mae_percent"),
-    *("yaw_mae_deg", "pitch_mae_deg", "roll_mae_deg", "flicker_ratio", "jitter_ratio"),
-    "voice_late_ms",
-)
 # By how much a figure may be worse than the baseline where a suite does not say it.
 TOLERANCES = {
     "face_psnr_db": 0.3,
@@ -85,7 +77,7 @@ def check_baseline(
         known, value = _number(before.get(figure)), _number(flat.get(figure))
         if known is None:
             continue
-        is_less = figure.split(".")[0] in LESS_IS_BETTER
+        is_less = less_is_better(figure)
         limit = known + tolerance if is_less else known - tolerance
         passed = value is not None and (value <= limit if is_less else value >= limit)
         rule = f"{'<=' if is_less else '>='} {known:g} {'+' if is_less else '-'} {tolerance:g}"

@@ -11,43 +11,6 @@ from risorius.command_line.progress import ProgressLine, say, warn
 if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
 
-# Figures by name, in the order of the table, with what they are.
-FIGURES = {
-    "face_psnr_db": "PSNR of the face, dB",
-    "face_psnr_p5_db": "  its 5th percentile",
-    "full_psnr_db": "PSNR of the picture, dB",
-    "full_psnr_p5_db": "  its 5th percentile",
-    "person_psnr_db": "PSNR of the person but for the face, dB",
-    "background_psnr_db": "PSNR of what is behind, dB",
-    "face_ssim": "SSIM of the face",
-    "full_ssim": "SSIM of the picture",
-    "face_ssimulacra2": "SSIMULACRA2 of the face",
-    "picture_ssimulacra2": "SSIMULACRA2 of the picture",
-    "vmaf": "VMAF",
-    "lpips": "LPIPS",
-    "dists": "DISTS",
-    "flicker_ratio": "flicker of what is behind, decoded over source",
-    "jitter_ratio": "restlessness of the landmarks, decoded over source",
-    "face_found": "share of the faces that are found again",
-    "identity": "likeness for a face recogniser, cosine",
-    "nme_percent": "landmarks apart, % of the eyes' distance",
-    "mouth_corr": "correlation of the mouth's opening",
-    "mouth_mae_percent": "  its mean difference, % of the eyes' distance",
-    "brow_corr": "correlation of the brows' height",
-    "blink_corr": "correlation of the eyes' opening",
-    "emotion_agreement": "share of the frames that show the same emotion",
-    "yaw_mae_deg": "yaw apart, degrees",
-    "pitch_mae_deg": "pitch apart, degrees",
-    "roll_mae_deg": "roll apart, degrees",
-    "voice_estoi": "ESTOI of the voice",
-    "voice_late_ms": "  by how much it is late, ms",
-    "voice_dnsmos": "DNSMOS of the voice",
-    "source_dnsmos": "  of the source",
-    "call_bytes": "call file, bytes",
-    "model_bytes": "  models in it",
-    "frame_bps": "  frame packets, bits a second",
-}
-
 
 def add_compare(added: "Commands") -> None:
     """`risorius compare`."""
@@ -120,9 +83,12 @@ def _call_figures(call: str | None) -> dict[str, Any]:
 
 
 def _table(figures: dict[str, Any]) -> str:
+    from loopback.figures import FIGURES
     from loopback.report import table
 
     rows = [
-        [label, figures[name]] for name, label in FIGURES.items() if figures.get(name) is not None
+        [each.label, figures[each.name]]
+        for each in FIGURES
+        if each.label and figures.get(each.name) is not None
     ]
     return table((f"{figures['frames']} frames, judge: {figures['judge']}", ""), rows)

@@ -29,9 +29,11 @@ from loopback.bench import (
     mean_figures,
     output_names,
 )
+from loopback.figures import FIGURES, less_is_better
+from loopback.judge.comparison import Comparison
 from loopback.judge.observer import EncoderNetworks
 from loopback.process_pair import free_port, pinned, run_call
-from loopback.report import figure, flatten, rounded, table
+from loopback.report import figure, figure_names, flatten, rounded, table
 from loopback.timing_tables import timings_tables
 from risorius.cli import main
 from shared_model.errors import UserError
@@ -63,6 +65,13 @@ def test_means_leave_out_what_a_clip_does_not_have() -> None:
     ]
     mean = mean_figures(clips)
     assert (mean["face_psnr_db"], mean["face_psnr_p5_db"], mean["frame_bps"]) == (24.0, None, 800.0)
+
+
+def test_every_figure_of_pictures_is_in_the_table_of_figures() -> None:
+    of_pictures = figure_names(Comparison) - {"face_frames", "judge", "judge_is_independent"}
+    assert of_pictures <= {each.name for each in FIGURES} and all(map(is_figure, of_pictures))
+    assert less_is_better("nme_percent") and less_is_better("encoder_ms.fit")
+    assert not less_is_better("blink_corr")
 
 
 def test_a_table_lines_up_and_dashes_what_is_missing() -> None:
