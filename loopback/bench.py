@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import is_pipe, open_source
+from loopback.call_figures import call_figures, is_call_figure
 from loopback.figures import FIGURES
 from loopback.judge.comparison import Comparison, compare, observe_source
 from loopback.judge.observer import Observer, find_observer
-from loopback.process_pair import CallResult, busy_loops, pinned, run_call
+from loopback.process_pair import busy_loops, pinned, run_call
 from loopback.report import figure, figure_names, rounded, wrapped_table
 from loopback.report_page import environment, html_table, page, stacked_bars
-from protocol.summary import nominal_duration_s
 from shared_model.errors import UserError
 
 # Per frame of the source, and to start the processes and fit the model.
@@ -23,19 +22,8 @@ LIMIT_S_PER_FRAME = 3.0
 LIMIT_START_S = 120.0
 TABLE_COLUMNS = {each.name: each.column for each in FIGURES if each.column}
 AVERAGED_FIGURES = tuple(each.name for each in FIGURES if each.is_averaged)
-# Figures of a call, apart from those of its pictures and the milliseconds of each stage.
-CALL_FIGURES = (
-    *("frames", "shown_frames", "fps", "width", "height", "duration_s"),
-    *("model_bytes", "frame_bytes", "frame_bps", "lost_packets", "lost_frames"),
-    *("latency_ms.p50", "latency_ms.p99", "encoder_fps", "decoder_fps"),
-    *("overloaded_frames", "omitted_frames", "worst_lag_ms", "skipped_frames", "encoder_cpu_s"),
-)
 # Of report.json: raised where a figure changes its name or meaning.
 SCHEMA = "risorius-bench/1"
-STAGES = (
-    *("encoder_ms.", "decoder_ms.", "encoder_cpu_ms.", "decoder_cpu_ms."),
-    *("encoder_frame_ms.", "decoder_frame_ms.", "overload_levels."),
-)
 # Settings that are no options of the encoder, or are always given.
 OF_THE_BENCH = ("profile", "busy", "cores")
 
@@ -148,63 +136,7 @@ def bench_clip(
 
 def is_figure(name: str) -> bool:
     """Whether a clip's report has a figure of this dotted name."""
-    return name in figure_names(Comparison).union(CALL_FIGURES) or name.startswith(STAGES)
-
-
-def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
-    """What the two ends' reports say together."""
-    sent, shown = result.encoder, result.decoder
-    seconds = nominal_duration_s(profile, sent["frames"], exact_fps(sent["fps"]))
-    return {
-        "profile": profile,
-        "frames": sent["frames"],
-        "shown_frames": shown["frames"],
-        "fps": rounded(sent["fps"], 3),
-        "width": sent["width"],
-        "height": sent["height"],
-        "duration_s": rounded(sent["frames"] / sent["fps"], 3),
-        "model_bytes": sent["model_bytes"],
-        "frame_bytes": sent["frame_bytes"],
-        "frame_bps": rounded(8 * sent["frame_bytes"] / seconds, 1),
-        "lost_packets": shown["lost_packets"],
-        "lost_frames": sent["lost_frames"],
-        "latency_ms": latency_ms(sent["capture_ns"], shown["shown_ns"]),
-        "encoder_ms": _stages(sent["stage_ms"]),
-        "decoder_ms": _stages(shown["stage_ms"]),
-        "encoder_cpu_ms": _stages(sent["stage_cpu_ms"]),
-        "decoder_cpu_ms": _stages(shown["stage_cpu_ms"]),
-        "encoder_frame_ms": _stages(sent["frame_ms"]),
-        "decoder_frame_ms": _stages(shown["frame_ms"]),
-        "overloaded_frames": sent["overloaded_frames"],
-        "overload_levels": sent["overload_levels"],
-        "omitted_frames": sent["omitted_frames"],
-        "worst_lag_ms": rounded(sent["worst_lag_ms"], 1),
-        "skipped_frames": sent["skipped_frames"],
-        "encoder_cpu_s": rounded(sent["cpu_s"], 1),
-        "events": [
-            {"event": name, "time_s": rounded(frame / sent["fps"], 3)}
-            for name, frame in sent["events"]
-        ],
-        "encoder_fps": _busy_fps(sent),
-        "decoder_fps": _busy_fps(shown),
-        "warnings": [*sent["warnings"], *shown["warnings"]],
-    }
-
-
-def latency_ms(
-    capture_ns: Sequence[int], shown_ns: Sequence[Sequence[int]]
-) -> dict[str, float | None]:
-    """Milliseconds from the capture of a source frame to its picture: median and 99th percentile.
-
-    capture_ns: by source frame; shown_ns: (source frame, time) pairs; both of one monotonic clock.
-    """
-    spans = [
-        (time - capture_ns[frame]) / 1e6 for frame, time in shown_ns if frame < len(capture_ns)
-    ]
-    if not spans:
-        return {"p50": None, "p99": None}
-    p50, p99 = np.percentile(spans, [50, 99])
-    return {"p50": rounded(float(p50)), "p99": rounded(float(p99))}
+    return name in figure_names(Comparison) or is_call_figure(name)
 
 
 def mean_figures(clips: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
@@ -264,13 +196,3 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"cannot make the folder {folder}: {error.strerror}") from error
-
-
-def _stages(stage_ms: Mapping[str, float]) -> dict[str, float | None]:
-    return {stage: rounded(ms, 3) for stage, ms in stage_ms.items()}
-
-
-def _busy_fps(report: Mapping[str, Any]) -> float | None:
-    """Frames a second that this end would reach if it never waited."""
-    busy_ms = sum(report["stage_ms"].values())
-    return rounded(1000 / busy_ms, 1) if busy_ms else None

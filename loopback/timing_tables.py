@@ -7,6 +7,14 @@ from loopback.report import Cell, table
 
 ENDS = ("encoder", "decoder")
 FRAME_TIMES = ("median", "p95", "worst")
+# Figures of a live call by name, with their headings.
+OF_THE_ENCODER = {
+    "overloaded_frames": "in haste",
+    "omitted_frames": "not looked at",
+    "worst_lag_ms": "lag ms",
+    "skipped_frames": "left out",
+    "encoder_cpu_s": "CPU s",
+}
 
 
 def timings_tables(clips: Sequence[Mapping[str, Any]]) -> str:
@@ -35,14 +43,9 @@ def frames_table(clip: Mapping[str, Any]) -> str:
     the number of frames that the source left out, and the CPU seconds of all its processes.  Those
     of a decoder are all after the first picture.
     """
-    missed_names = ("in haste", "not looked at", "lag ms", "left out", "CPU s")
-    header = (clip["source"], "median ms", "95 % ms", "worst ms", *missed_names)
+    header = (clip["source"], "median ms", "95 % ms", "worst ms", *OF_THE_ENCODER.values())
     times = [[clip[f"{end}_frame_ms"].get(name) for name in FRAME_TIMES] for end in ENDS]
-    figures = (
-        *("overloaded_frames", "omitted_frames", "worst_lag_ms", "skipped_frames"),
-        "encoder_cpu_s",
-    )
-    missed: list[list[Cell]] = [[clip[name] for name in figures], [None] * len(figures)]
+    missed: list[list[Cell]] = [[clip[n] for n in OF_THE_ENCODER], [None] * len(OF_THE_ENCODER)]
     return table(
         header, [[f"{e}, one frame", *t, *m] for e, t, m in zip(ENDS, times, missed, strict=True)]
     )
