@@ -22,7 +22,7 @@ from decoder.sound.sound_track import SoundTrack, open_sound_track
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import MessageCallback, ignore_message
 from shared_model.arrays import Picture, Samples
-from shared_model.stage_timer import frame_times
+from shared_model.stage_timer import StageTimes, frame_times
 
 Progress = Callable[[int, int | None], None]
 ShowCallback = Callable[[DrawnFrame, CallParameters], None]
@@ -46,8 +46,6 @@ class DecodeReport:
     frames: pictures shown; fps: of the source; width, height: of the pictures that are written.
     model_bytes, frame_bytes: payload bytes of the packets received.  voice, voice_bytes: its codec,
         one of `VOICES`, and its share of the frame packets, which `frame_bytes` does not count.
-    stage_ms: mean time per frame of each stage, ms; stage_cpu_ms: CPU time of the thread that
-        waits for it.
     frame_ms: `frame_times`: how long a picture has taken after the first one, but for writing it.
     shown_ns: for each picture its source frame and `time.monotonic_ns` when it was complete.
     lost_packets, late_packets: frame packets not received in time; received too late or twice.
@@ -64,8 +62,7 @@ class DecodeReport:
     height: int
     model_bytes: int
     frame_bytes: int
-    stage_ms: dict[str, float]
-    stage_cpu_ms: dict[str, float]
+    stages: StageTimes
     shown_ns: tuple[tuple[int, int], ...]
     lost_packets: int
     late_packets: int
@@ -243,8 +240,7 @@ def _report(pictures: CallPictures) -> DecodeReport:
         height=pictures.shown.source_size[1],
         model_bytes=counts.model_bytes,
         frame_bytes=counts.frame_bytes - counts.voice_bytes,
-        stage_ms=pictures.timer.mean_ms(frames),
-        stage_cpu_ms=pictures.timer.mean_cpu_ms(frames),
+        stages=pictures.timer.times(frames),
         shown_ns=tuple(stats.shown_ns),
         lost_packets=counts.lost,
         late_packets=counts.late,

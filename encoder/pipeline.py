@@ -384,7 +384,7 @@ def _pacer(run: EncodeRun, sink: PacketSink) -> LayerPacer | None:
 
 
 def _open_voice(options: EncodeOptions, stats: SessionStats) -> VoicePacker | None:
-    stats.voice, warning = chosen_voice(options.source, options.voice)
+    stats.speech.voice, warning = chosen_voice(options.source, options.voice)
     if warning is not None:
         stats.warn(warning)
-    return open_voice(options.source, stats.voice, stats.warn)
+    return open_voice(options.source, stats.speech.voice, stats.warn)

@@ -1,15 +1,15 @@
 """What an encoder run reports."""
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from encoder.calls.session_stats import SessionStats
+from encoder.calls.session_stats import LiveWork, SentBytes, SentVoice, SessionStats
 from encoder.capture.video_source import Capture
 from encoder.coding.gop import gop_for_fps
 from encoder.options import EncodeOptions
 from protocol.frames.scalar_quantiser import THESIS_RATE_HZ
 from protocol.link.interface import Reachability
-from shared_model.stage_timer import frame_times
+from shared_model.stage_timer import StageTimes
 
 USUAL_BITRATE = 800.0
 # A call that takes a smaller share of a rate, or its model of a size, is as fine as can be.
@@ -28,15 +28,8 @@ class EncodeReport:
 
     frames: of the call.  fps, width, height: of the source.
     coded_fps: frames a second that were coded.
-    model_bytes, frame_bytes: payload of the packets.  voice, voice_bytes: its codec, one of
-        `VOICES`, and its share of the frame packets, which `frame_bytes` does not count.
-    stage_ms: mean time per frame of each stage, ms; stage_cpu_ms: CPU time of the thread that
-        waits for it.
-    frame_ms: `frame_times` of a live call: how long a source frame has taken once it had begun.
-    overloaded_frames: frames of a live call at which something was left out for want of time.
-    overload_levels: of these, how many there were at each `WorkLevel`.
-    omitted_frames: of these, how many were not looked at.
-    worst_lag_ms: the largest lag of a live call behind its source, see `SessionStats.worst_lag_s`.
+    lost_frames: source frames without a face.
+    work: of a live call.
     skipped_frames: frames that the source left out because the encoder was late.
     cpu_s: CPU time of this process and of those that it has started, from their beginning.
     events: what the call says of its face, by name, and the source frame.
@@ -49,25 +42,17 @@ class EncodeReport:
     coded_fps: float
     width: int
     height: int
-    model_bytes: int
-    frame_bytes: int
-    packets: int
+    sent: SentBytes
     lost_frames: int
-    stage_ms: dict[str, float]
-    stage_cpu_ms: dict[str, float]
+    stages: StageTimes
     warnings: tuple[str, ...]
     capture_ns: tuple[int, ...]
     reach: Reachability
-    voice: str = "off"
-    voice_bytes: int = 0
-    frame_ms: dict[str, float] = field(default_factory=dict)
-    overloaded_frames: int = 0
-    overload_levels: dict[str, int] = field(default_factory=dict)
-    omitted_frames: int = 0
-    worst_lag_ms: float = 0.0
-    skipped_frames: int = 0
-    cpu_s: float = 0.0
-    events: tuple[tuple[str, int], ...] = ()
+    speech: SentVoice
+    work: LiveWork
+    skipped_frames: int
+    cpu_s: float
+    events: tuple[tuple[str, int], ...]
 
 
 def report_of(
@@ -90,22 +75,14 @@ def report_of(
         coded_fps=THESIS_RATE_HZ if options.profile == "thesis" else float(coded_fps),
         width=capture.format.source_size[0],
         height=capture.format.source_size[1],
-        model_bytes=stats.model_bytes,
-        frame_bytes=stats.frame_bytes,
-        packets=stats.packets,
+        sent=stats.sent,
         lost_frames=stats.lost_frames,
-        stage_ms=stats.timer.mean_ms(captured),
-        stage_cpu_ms=stats.timer.mean_cpu_ms(captured),
+        stages=stats.timer.times(captured),
         warnings=tuple(stats.warnings),
         capture_ns=tuple(stats.capture_ns),
         reach=reach,
-        voice=stats.voice,
-        voice_bytes=stats.voice_bytes,
-        frame_ms=frame_times(stats.frame_ms),
-        overloaded_frames=sum(stats.overload_levels.values()),
-        overload_levels=stats.overload_levels,
-        omitted_frames=stats.omitted_frames,
-        worst_lag_ms=1000 * stats.worst_lag_s,
+        speech=stats.speech,
+        work=stats.work,
         skipped_frames=stats.next_index - captured,
         cpu_s=_cpu_s(),
         events=tuple((kind.name.lower(), frame) for kind, frame in stats.events),
@@ -119,15 +96,15 @@ def _cpu_s() -> float:
 
 def _warn_of_unused_bits(options: EncodeOptions, stats: SessionStats, seconds: float) -> None:
     """Add a warning if the call is as fine as can be with much less than it was given."""
-    taken = 8 * stats.frame_bytes / seconds
+    taken = 8 * stats.sent.frame_bytes / seconds
     if options.bitrate > USUAL_BITRATE and seconds >= 1 and taken < USED_SHARE * options.bitrate:
         stats.warn(
             f"--bitrate {options.bitrate:g} is more than this call can use: as fine as can be, it"
             f" takes {taken:.0f} bits a second"
         )
-    asked = options.model_bytes
-    if asked is not None and not options.startup_bitrate and stats.model_bytes < USED_SHARE * asked:
+    asked, sent = options.model_bytes, stats.sent.model_bytes
+    if asked is not None and not options.startup_bitrate and sent < USED_SHARE * asked:
         stats.warn(
             f"--model-bytes {asked} is more than this model can use: as fine as can be, it takes"
-            f" {stats.model_bytes} bytes"
+            f" {sent} bytes"
         )

@@ -3,8 +3,21 @@
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class StageTimes:
+    """Mean times of stages.
+
+    stage_ms: time per frame of each stage, ms; stage_cpu_ms: CPU time of the thread that waits for
+        it.
+    """
+
+    stage_ms: dict[str, float]
+    stage_cpu_ms: dict[str, float]
 
 
 class StageTimer:
@@ -32,9 +45,10 @@ class StageTimer:
         """Milliseconds per frame of each stage."""
         return {name: ns / 1e6 / max(frames, 1) for name, ns in self.total_ns.items()}
 
-    def mean_cpu_ms(self, frames: int) -> dict[str, float]:
-        """Milliseconds of CPU time per frame of each stage, of the calling thread alone."""
-        return {name: ns / 1e6 / max(frames, 1) for name, ns in self.cpu_ns.items()}
+    def times(self, frames: int) -> StageTimes:
+        """The mean times of so many frames."""
+        cpu_ms = {name: ns / 1e6 / max(frames, 1) for name, ns in self.cpu_ns.items()}
+        return StageTimes(self.mean_ms(frames), cpu_ms)
 
     def whole_ns(self, but_for: str) -> int:
         """Time of all stages but one, ns."""

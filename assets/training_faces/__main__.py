@@ -118,7 +118,7 @@ def make_call(number: int, pictures: Path, call: Path) -> None:
         draw(random, model_of(still, folder), video)
         budget = int(np.exp(random.uniform(*np.log(MODEL_BYTES))))
         report = risorius.encode(video, call, model_bytes=budget)
-        warn(f"{call}: {report.model_bytes} bytes of {budget}")
+        warn(f"{call}: {report.sent.model_bytes} bytes of {budget}")
 
 
 if __name__ == "__main__":

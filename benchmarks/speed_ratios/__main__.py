@@ -67,7 +67,7 @@ def measure_ratios(clip: str, max_frames: int) -> Ratios:
             references.append(reference_ms())
             decoded = decode(DecodeOptions(call), lambda done, total: None, lambda: False)
             for end, report in (("encoder", encoded), ("decoder", decoded)):
-                for stage, ms in report.stage_cpu_ms.items():
+                for stage, ms in report.stages.stage_cpu_ms.items():
                     stages[f"{end}, {kind}, {stage}"] = ms
     reference = float(np.median([*references, reference_ms()]))
     return {stage: ms / reference for stage, ms in stages.items() if ms >= LEAST_MS}

@@ -74,7 +74,7 @@ class PacketSender:
 
         duration_s: from the packet's first frame to that of the next.
         """
-        self._stats.frame_bytes += len(payload)
+        self._stats.sent.frame_bytes += len(payload)
         _log.debug("frame packet %d is sent, %d bytes", number, len(payload))
         packet = FramePacket(number % SEQUENCE_MODULUS, payload)
         if self._voice is not None:
@@ -156,16 +156,16 @@ class PacketSender:
         if self._voice is not None and isinstance(packet, ModelPacket):
             packet = self._voice.model(packet)
         size = len(serialise(packet))
-        self._stats.model_bytes += size - 1
+        self._stats.sent.model_bytes += size - 1
         self._send(packet)
         return size
 
     def _send_frame(self, packet: FramePacket) -> None:
         self._send(packet)
         if self._voice is not None:
-            self._stats.voice_bytes = self._voice.voice_bytes
+            self._stats.speech.voice_bytes = self._voice.voice_bytes
 
     def _send(self, packet: Packet) -> None:
         with self._stats.stage("send"):
             self._sink.send(serialise(packet))
-        self._stats.packets += 1
+        self._stats.sent.packets += 1

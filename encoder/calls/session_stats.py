@@ -7,7 +7,42 @@ from dataclasses import dataclass, field
 
 from encoder.live_model.work_level import WorkLevel
 from protocol.packets import ControlKind
-from shared_model.stage_timer import StageTimer
+from shared_model.stage_timer import StageTimer, frame_times
+
+
+@dataclass(slots=True)
+class SentBytes:
+    """Payload of model and layer packets, of frame packets without voice; number of packets."""
+
+    model_bytes: int = 0
+    frame_bytes: int = 0
+    packets: int = 0
+
+
+@dataclass(slots=True)
+class SentVoice:
+    """Its codec, one of `VOICES`, and its share of the frame packets."""
+
+    voice: str = "off"
+    voice_bytes: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class LiveWork:
+    """How a live call kept up with its source; nothing of any other.
+
+    frame_ms: `frame_times`: how long a source frame has taken once the call had begun.
+    overloaded_frames: frames at which something was left out for want of time.
+    overload_levels: of these, how many there were at each `WorkLevel`.
+    omitted_frames: of these, how many were not looked at.
+    worst_lag_ms: the largest lag behind the source, see `SessionStats.worst_lag_s`.
+    """
+
+    frame_ms: dict[str, float]
+    overloaded_frames: int
+    overload_levels: dict[str, int]
+    omitted_frames: int
+    worst_lag_ms: float
 
 
 @dataclass(slots=True)
@@ -15,9 +50,6 @@ class SessionStats:
     """What the encoder reports of a call.
 
     frames: source frames of the call, where these are fewer than were captured; None: all.
-    model_bytes, frame_bytes: payload of model and layer packets, of frame packets without voice.
-    voice, voice_bytes: its codec, one of `VOICES`, and its share of the frame packets.
-    packets: number of packets of any kind.
     lost_frames: number of source frames without a face.
     events: kind and source frame of what the call says of its face.
     captured: number of source frames read.
@@ -33,11 +65,8 @@ class SessionStats:
     """
 
     frames: int | None = None
-    model_bytes: int = 0
-    frame_bytes: int = 0
-    voice: str = "off"
-    voice_bytes: int = 0
-    packets: int = 0
+    sent: SentBytes = field(default_factory=SentBytes)
+    speech: SentVoice = field(default_factory=SentVoice)
     lost_frames: int = 0
     events: list[tuple[ControlKind, int]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -52,13 +81,17 @@ class SessionStats:
     worst_lag_s: float = 0.0
 
     @property
-    def overload_levels(self) -> dict[str, int]:
-        """How many source frames there were at each level of work but the full one.
-
-        Empty if the call is not live.
-        """
+    def work(self) -> LiveWork:
+        """How the call has kept up so far."""
         levels = [level for level in WorkLevel if level and self.level_frames]
-        return {level.label: self.level_frames[level] for level in levels}
+        overloads = {level.label: self.level_frames[level] for level in levels}
+        return LiveWork(
+            frame_times(self.frame_ms),
+            sum(overloads.values()),
+            overloads,
+            self.omitted_frames,
+            1000 * self.worst_lag_s,
+        )
 
     def note_captured(self, index: int) -> None:
         """Count a source frame that has been read."""

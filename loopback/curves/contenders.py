@@ -177,7 +177,7 @@ def own_points(
             draw=draw_call,
         )
         if is_live:
-            stage_ms = encode(options, _ignore, _never).stage_ms
+            stage_ms = encode(options, _ignore, _never).stages.stage_ms
         else:
             if rung.model_bytes not in trained:
                 trained = {rung.model_bytes: _trained(options)}

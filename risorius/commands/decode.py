@@ -4,7 +4,6 @@ import argparse
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -92,7 +91,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
     _check_arguments(arguments)
     if is_letter(arguments.output):
         return _write_letter(arguments)
-    from loopback.report import write_json
+    from loopback.report import figures_of, write_json
 
     with ExitStack() as stack:
         frames = _frames_to_compare(arguments) if arguments.source else None
@@ -108,7 +107,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
         report = _decode(arguments, link, output, stop)
         if not arguments.quiet:
             print(_decode_summary(report))
-        figures = asdict(report)
+        figures = figures_of(report)
         try:
             if output and arguments.source:
                 quality = _quality(arguments, output, report.frames, frames)
@@ -271,7 +270,7 @@ def _quality(
 
 
 def _decode_summary(report: "DecodeReport") -> str:
-    busy_ms = sum(report.stage_ms.values())
+    busy_ms = sum(report.stages.stage_ms.values())
     return (
         f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s;"
         f" {busy_ms:.1f} ms a frame"

@@ -89,7 +89,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     if profile == "default" and _is_in_real_time(arguments):
         # It loads its libraries while this process loads its own.
         start_early(LEARNING_PROCESS)
-    from loopback.report import write_json
+    from loopback.report import figures_of, write_json
     from protocol.link.interface import Reachability
 
     with ExitStack() as stack:
@@ -110,7 +110,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
         if not arguments.quiet:
             print(f"{'interrupted: ' if stop() else ''}{_encode_summary(report)}")
     if arguments.report:
-        write_json(arguments.report, report)
+        write_json(arguments.report, figures_of(report))
     if stop():
         return INTERRUPTED
     return LINK_FAILED if report.reach == Reachability.NO_LINK else 0
@@ -187,13 +187,13 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
 
 
 def _encode_summary(report: "EncodeReport") -> str:
-    busy_ms = sum(report.stage_ms.values())
-    times = report.frame_ms
+    busy_ms = sum(report.stages.stage_ms.values())
+    times, sent, speech = report.work.frame_ms, report.sent, report.speech
     frame = f", {times['p95']:.1f} at most in 95 of 100" if times else ""
-    voice = f", voice {report.voice_bytes} bytes" if report.voice != "off" else ""
+    voice = f", voice {speech.voice_bytes} bytes" if speech.voice != "off" else ""
     return (
         f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s,"
-        f" {report.coded_fps:.2f}/s coded: model {report.model_bytes} bytes,"
-        f" frames {report.frame_bytes} bytes{voice}; {busy_ms:.1f} ms a frame{frame}"
+        f" {report.coded_fps:.2f}/s coded: model {sent.model_bytes} bytes,"
+        f" frames {sent.frame_bytes} bytes{voice}; {busy_ms:.1f} ms a frame{frame}"
         f"{'' if report.reach == 'somebody' else '; nobody heard its end'}"
     )

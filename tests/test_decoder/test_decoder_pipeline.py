@@ -176,7 +176,7 @@ def test_call_becomes_one_picture_per_source_frame(tmp_path: Path) -> None:
     assert [index for index, _ in report.shown_ns] == list(range(FRAMES))
     times = [shown for _, shown in report.shown_ns]
     assert times == sorted(times)
-    assert {"animate", "warp", "render", "write"} <= report.stage_ms.keys()
+    assert {"animate", "warp", "render", "write"} <= report.stages.stage_ms.keys()
 
 
 def test_before_its_background_is_known_a_call_is_drawn_on_black(tmp_path: Path) -> None:

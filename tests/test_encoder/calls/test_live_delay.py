@@ -79,7 +79,7 @@ def test_in_real_time_frames_wait_and_the_model_does_not(
             )
             for index, picture in enumerate(pictures):
                 session.frame(index, picture)
-                sent.append((stats.model_bytes > 0, stats.frame_bytes > 0))
+                sent.append((stats.sent.model_bytes > 0, stats.sent.frame_bytes > 0))
                 assert session.started == (index >= before)
             session.end(FRAMES)
     assert sent == [(index >= before, index >= before + delay) for index in range(FRAMES)]

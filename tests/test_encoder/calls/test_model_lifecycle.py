@@ -60,4 +60,4 @@ def test_a_call_without_a_face_has_no_version_and_ends_once(tmp_path: Path) -> N
         model.end()
         with pytest.raises(ValueError, match="does not end"):
             model.end()
-    assert not stats.packets
+    assert not stats.sent.packets
