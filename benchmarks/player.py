@@ -2,9 +2,10 @@
 
 Each clip is encoded and becomes a letter, which headless Chromium plays, drawing in software.  The
 table: bytes of call and letter; PSNR between the pictures of page and decoder; face and whole PSNR
-of either against the clip; then ms: until the first picture in a browser that has been running, and
-in one that is just being started, there until all modes have been decoded, of the worker for the
-first model, while the page opens and again when it is idle, of drawing a frame.
+of either against the clip, the face as the judge finds it; then ms: until the first picture in a
+browser that has been running, and in one that is just being started, there until all modes have
+been decoded, of the worker for the first model, while the page opens and again when it is idle, of
+drawing a frame.
 Other programs on the machine are in these: --calls keeps the calls, and --times then takes seconds.
 """
 
@@ -23,8 +24,10 @@ from decoder.call_pictures import CallPictures
 from decoder.playout.call_source import CallSource
 from decoder.sinks.frame_sink import open_sink
 from loopback.clip_paths import videos_in
+from loopback.judge.comparison import SourceView, observe_source
+from loopback.judge.observer import Observer, find_observer
 from loopback.quality.psnr import psnr_db, squared_error
-from loopback.quality.video_quality import Quality, face_mask_finder, measure_quality
+from loopback.quality.video_quality import Quality, measure_quality
 from loopback.report import Cell, table
 from risorius import encode
 from risorius.letter.letter_file import write_letter
@@ -54,18 +57,25 @@ def main(arguments: Sequence[str]) -> None:
     if program is None:
         raise UserError("letters are played by Chromium: apt-get install chromium")
     header = (*SIZES, *(() if options.times else QUALITIES), *TIMES)
+    observer = None if options.times else find_observer()
+    if observer is not None:
+        stand_in = "" if observer.is_independent else ": make judge installs another one"
+        warn(f"player: the judge is {observer.name}{stand_in}")
     rows = []
     for clip in [clip for each in options.clips for clip in videos_in(each)]:
         with tempfile.TemporaryDirectory() as folder:
             call = Path(options.calls or folder) / f"{Path(clip).stem}.rzo"
             if not call.exists():
                 encode(clip, call, max_frames=options.max_frames)
-            rows.append(_row(clip, call, options.times, program, Path(folder)))
+            rows.append(_row(clip, call, observer, program, Path(folder)))
         print(table(header, rows[-1:]), flush=True)
     print(f"\n{table(header, rows)}")
 
 
-def _row(clip: str, call: Path, is_timed: bool, program: str, folder: Path) -> list[Cell]:
+def _row(
+    clip: str, call: Path, observer: Observer | None, program: str, folder: Path
+) -> list[Cell]:
+    """The cells of a clip.  observer: finds the face; None: only times are measured."""
     letter = folder / "letter.html"
     write_letter(call, letter, "letter", lambda lines: None)
     with PlayedLetter(program, folder / "running", letter, is_running=True) as played:
@@ -82,12 +92,14 @@ def _row(clip: str, call: Path, is_timed: bool, program: str, folder: Path) -> l
             played.decode_again_ms(),
         ]
         times.append(played.frame_ms(min(50, played.frames)))
-        qualities = [] if is_timed else _qualities(clip, call, played, folder)
+        qualities = [] if observer is None else _qualities(clip, call, observer, played, folder)
     sizes = [path.stat().st_size / 1e3 for path in (call, letter)]
     return [Path(clip).name, f"{width}x{height}", *sizes, *qualities, *times]
 
 
-def _qualities(clip: str, call: Path, played: PlayedLetter, folder: Path) -> list[Cell]:
+def _qualities(
+    clip: str, call: Path, observer: Observer, played: PlayedLetter, folder: Path
+) -> list[Cell]:
     """Of the pictures of a page and of the decoder."""
     by_decoder, by_page = folder / "decoder.mkv", folder / "page.mkv"
     errors = list[float]()
@@ -105,13 +117,16 @@ def _qualities(clip: str, call: Path, played: PlayedLetter, folder: Path) -> lis
         for sink in sinks or ():
             sink.close()
     between = [psnr_db(np.array(errors)), psnr_db(np.array([max(errors)]))]
-    found = [_quality(clip, path, len(errors)) for path in (by_decoder, by_page)]
+    view = observe_source(clip, observer, len(errors))
+    found = [_quality(view, path) for path in (by_decoder, by_page)]
     return [*between, *(db for each in found for db in (each.face_psnr_db, each.full_psnr_db))]
 
 
-def _quality(clip: str, decoded: Path, frames: int) -> Quality:
-    finder = face_mask_finder(warn)
-    return measure_quality(clip, str(decoded), finder, lambda done, total: None, frames, False)
+def _quality(view: SourceView, decoded: Path) -> Quality:
+    finder, count = view.face_masks(), view.max_frames
+    return measure_quality(
+        view.source, str(decoded), finder, lambda done, total: None, count, is_strict=False
+    )
 
 
 if __name__ == "__main__":
