@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks
+from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, initial_parameters
 from shared_model.aperture_sheets import EYES
 from shared_model.arrays import Array
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera
@@ -25,12 +25,14 @@ MARGINS = np.array([(sheet.lower[1:-1], sheet.upper[1:-1]) for sheet in EYES])
 
 
 def fit_with_eyelids(
-    model: LandmarkModel, camera: Camera, points_px: Array, start: FaceParameters
+    model: LandmarkModel, camera: Camera, points_px: Array, start: FaceParameters | None = None
 ) -> FaceParameters:
     """Pose and actuators of one frame from `fit_landmarks`, the lids from their aperture.
 
+    start: its layers stay as they are; None: no face is known, see `initial_parameters`.
     The gaze is fixed straight ahead: landmarks show it by the lids alone.
     """
+    start = start or initial_parameters(model, camera, points_px)
     eau = start.eau.copy()
     eau[GAZE_EAUS] = 0
     face = fit_landmarks(model, camera, points_px, replace(start, eau=eau), NON_GAZE_EAUS)

@@ -12,7 +12,7 @@ from encoder.coding.progressive_model import LayeredModel
 from encoder.coding.transform import project
 from encoder.detection.landmark_indices import face_outline
 from encoder.fitting.eyelids import fit_with_eyelids, with_averaged_eyelids
-from encoder.fitting.landmark_fit import LandmarkModel, initial_parameters
+from encoder.fitting.landmark_fit import LandmarkModel
 from encoder.fitting.render_and_compare import ImageFitter
 from encoder.layers.frame_layers import FrameLayers
 from encoder.layers.layer_samples import coarse_picture
@@ -159,13 +159,12 @@ class ModelVersion:
         initial, level: see `fit`; the layers stay where they were.
         """
         camera = self.packet.call.camera
-        start = initial or initial_parameters(self.landmarks, camera, sample.landmarks)
-        by_landmarks = fit_with_eyelids(self.landmarks, camera, sample.landmarks, start)
+        by_landmarks = fit_with_eyelids(self.landmarks, camera, sample.landmarks, initial)
         by_texels = self.person.fit_texels(
             sample.crop, by_landmarks, level.texel_iterations, level.halves_resolution
         )
         face = with_averaged_eyelids(by_landmarks, by_texels)
-        return replace(face, layers=start.layers)
+        return replace(face, layers=by_landmarks.layers)
 
     def refit(self, sample: FaceSample, face: FaceParameters) -> FaceParameters:
         """A face that was fitted before the newest modes were learned, with these."""
