@@ -1,8 +1,9 @@
 """Chooses what carries a call: Zenoh, or a device of a scheme of its own."""
 
+from collections.abc import Callable, Mapping
 from functools import partial
 
-from protocol.endpoint import parse_endpoint
+from protocol.endpoint import Endpoint, parse_endpoint
 from protocol.link.interface import LinkOptions, MessageCallback, ignore_message
 from protocol.link.link_end import CarrierFactory
 from protocol.link.link_protection import link_protection
@@ -12,6 +13,19 @@ from protocol.link.messages import Role
 from shared_model.errors import UserError
 
 
+def _serial_line(device: Endpoint, is_listening: bool) -> CarrierFactory:
+    from protocol.link.serial_carrier import SerialCarrier
+
+    return partial(SerialCarrier, device, is_listening)
+
+
+# What makes the connections of a device, by its scheme, one of `DEVICE_SCHEMES`; given the device
+# and whether the end listens there.  Each is loaded where used: the others need no such library.
+DEVICE_CARRIERS: Mapping[str | None, Callable[[Endpoint, bool], CarrierFactory]] = {
+    "serial": _serial_line,
+}
+
+
 def carrier_factory(options: LinkOptions, role: Role, say: MessageCallback) -> CarrierFactory:
     """What makes the connections of an end.
 
@@ -19,17 +33,13 @@ def carrier_factory(options: LinkOptions, role: Role, say: MessageCallback) -> C
     """
     places = [parse_endpoint(text) for text in (*options.listen, *options.connect)]
     device = next((place for place in places if place.is_device), None)
-    # Each is loaded where used: the other ones need no such library.
     if device is None:
         from protocol.link.zenoh_link import ZenohCarrier
 
         return partial(ZenohCarrier, options, role, say)
     if len(places) > 1:
         raise UserError(f"a {device.scheme} line goes alone: name no other endpoint")
-    # The carrier of the one scheme of `DEVICE_SCHEMES`; another one is chosen here.
-    from protocol.link.serial_carrier import SerialCarrier
-
-    return partial(SerialCarrier, device, bool(options.listen))
+    return DEVICE_CARRIERS[device.scheme](device, bool(options.listen))
 
 
 def open_link_sink(options: LinkOptions, say: MessageCallback = ignore_message) -> LinkSink:

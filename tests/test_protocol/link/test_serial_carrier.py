@@ -10,8 +10,13 @@ from hypothesis import strategies as st
 from processes import until
 from serial_lines import serial_line
 
-from protocol.endpoint import parse_endpoint, parse_remote_endpoint
-from protocol.link.carriers import carrier_factory, open_link_sink, open_link_source
+from protocol.endpoint import DEVICE_SCHEMES, parse_endpoint, parse_remote_endpoint
+from protocol.link.carriers import (
+    DEVICE_CARRIERS,
+    carrier_factory,
+    open_link_sink,
+    open_link_source,
+)
 from protocol.link.connection import LISTENING, Carrier, Event, Failed, Opened
 from protocol.link.endpoints import Failure, check_listening
 from protocol.link.interface import LinkOptions
@@ -110,6 +115,10 @@ def test_everything_else_goes_over_zenoh() -> None:
     options = LinkOptions("call", connect=("127.0.0.1:7447",))
     make = cast("partial[Carrier]", carrier_factory(options, Role.ENCODER, print))
     assert make.func is ZenohCarrier
+
+
+def test_every_device_has_a_carrier() -> None:
+    assert DEVICE_CARRIERS.keys() == set(DEVICE_SCHEMES)
 
 
 def test_a_line_that_is_pulled_out_is_noticed() -> None:
