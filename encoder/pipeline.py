@@ -37,7 +37,7 @@ from encoder.coding.thin_link import LAYER_BYTES, THIN_BPS, startup_rate
 from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import LocalLearner
 from encoder.live_model.learning_process import LearningProcess
-from encoder.live_model.other_face import OtherFace, ShownFace, version_of_picture
+from encoder.live_model.other_face import FaceChoice, OtherFace, version_of_picture
 from encoder.live_model.pacing import Pacing, pacing_of
 from encoder.option_rules import check_delay
 from encoder.options import EncodeOptions
@@ -211,10 +211,10 @@ def _wait_for_peer(options: EncodeOptions, sink: PacketSink) -> None:
 
 def _shown_face(
     other: OtherFace | None, capture: Capture, gop: GopStructure, budget: ModelBudget
-) -> ShownFace:
+) -> FaceChoice:
     """Raises `UserError` if no face is found in the picture of another one."""
     if other is None:
-        return ShownFace()
+        return FaceChoice()
     search = open_landmark_search(SessionStats())
 
     def find(picture: Picture) -> Array | None:
@@ -223,7 +223,7 @@ def _shown_face(
 
     with dropping_frames(capture):
         version = version_of_picture(other.picture, find, capture.format, gop, budget)
-    return ShownFace(other, version)
+    return FaceChoice(other, version)
 
 
 def encode_two_pass(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = None) -> None:

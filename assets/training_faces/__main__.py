@@ -25,7 +25,7 @@ from assets.training_faces.motion import FPS, FRAMES, make_motion, wander
 from assets.training_faces.skin import SWINGS, make_skin
 from assets.training_faces.stills import painted, portrait
 from benchmarks.command import run, warn
-from decoder.scene.appearance import AppearanceModel
+from decoder.scene.appearance import FrameTextures
 from decoder.scene.reenactment import read_model
 from decoder.scene.scene import Scene
 from decoder.scene.scene_parts import scene_parts
@@ -54,7 +54,7 @@ def model_of(picture: Picture, folder: Path) -> ModelPacket:
 def draw(random: np.random.Generator, model: ModelPacket, output: Path) -> None:
     """A video of a new person with the head, camera and background of a model."""
     eau, turn, shift = make_motion(random)
-    skin = make_skin(random, AppearanceModel(model).synthesise(np.zeros(0)))
+    skin = make_skin(random, FrameTextures(model).synthesise(np.zeros(0)))
     swings = np.array(SWINGS) * random.uniform(0.3, 1.2, len(SWINGS))
     swings[:2] = random.choice([0.02, 0.05, 0.25])
     swing = np.array([wander(random, 0.5, -reach, reach) for reach in swings]).T

@@ -37,7 +37,7 @@ def go_on() -> None:
     """Wait for nothing."""
 
 
-class AppearanceModel:
+class FrameTextures:
     """The texture of each frame: mean + modes x coefficients (eq. 2.17).
 
     give_way: see `update`.
@@ -94,7 +94,7 @@ class AppearanceModel:
 
     def updated(
         self, model: ModelPacket, give_way: Callable[[], None] = go_on
-    ) -> "tuple[AppearanceModel, ProtocolError | None]":
+    ) -> "tuple[FrameTextures, ProtocolError | None]":
         """A copy after `update`, and what that raises."""
         other = copy(self)
         other._codec = self._codec.copy()

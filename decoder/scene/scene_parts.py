@@ -15,7 +15,7 @@ from threading import Condition
 import numpy as np
 
 from decoder.rendering.render_geometry import NEAR_MM
-from decoder.scene.appearance import AppearanceModel, go_on
+from decoder.scene.appearance import FrameTextures, go_on
 from decoder.scene.background_layers import BackgroundLayers, load_background
 from decoder.scene.layer_motion import LayerMotion
 from protocol.errors import ProtocolError
@@ -58,7 +58,7 @@ class SceneParts:
     model: ModelPacket
     head: Head
     face: Face
-    appearance: AppearanceModel
+    appearance: FrameTextures
     mesh: BackgroundMesh
     layers: BackgroundLayers
     motion: LayerMotion
@@ -83,7 +83,7 @@ def scene_parts(
     face = face_from_model(model, head)
     rest = face.animate(model.reference_face.eau)
     check_reference(camera, model.reference_pose, head, rest)
-    appearance = AppearanceModel(model, give_way)
+    appearance = FrameTextures(model, give_way)
     give_way()
     if before is not None and _background(before.model) == _background(model):
         layers = before.layers

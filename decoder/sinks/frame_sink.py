@@ -11,7 +11,7 @@ from typing import BinaryIO
 import cv2
 
 from decoder.sinks.interface import FrameSink
-from decoder.sinks.video_file import CODECS, TIMED, VideoFile
+from decoder.sinks.video_file import CODECS, TIMED, VideoFileSink
 from decoder.sinks.y4m_stream import Y4mStream
 from shared_model.arrays import Picture, Samples
 from shared_model.errors import UserError, cannot_write
@@ -47,10 +47,10 @@ def open_sink(
         return Y4mStream(path, width, height, fps, matrix, sample_aspect)
     check_sink(path)
     if "%" in path.name:
-        return ImageSequence(path)
+        return ImageSequenceSink(path)
     is_timed = is_variable and keeps_times(path)
     size = width, height
-    return VideoFile(path, *size, fps, matrix, is_timed, sound_rate_hz, sample_aspect)
+    return VideoFileSink(path, *size, fps, matrix, is_timed, sound_rate_hz, sample_aspect)
 
 
 def keeps_times(output: Path | BinaryIO) -> bool:
@@ -65,7 +65,7 @@ def check_sink(path: Path) -> None:
     if not path.parent.is_dir():
         raise UserError(f"cannot write {path}: there is no folder {path.parent}")
     if "%" in path.name:
-        ImageSequence(path)
+        ImageSequenceSink(path)
     elif path.suffix.lower() not in CODECS:
         known = " ".join(sorted(CODECS))
         raise UserError(f"cannot write {path}: name it {known} or, for images, like frame%04d.png")
@@ -123,7 +123,7 @@ class ThreadedSink(FrameSink):
             raise error
 
 
-class ImageSequence(FrameSink):
+class ImageSequenceSink(FrameSink):
     """Writes each picture to a file of its own, numbered from 0, in place of an older one.
 
     Images have no sound.

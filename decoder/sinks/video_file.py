@@ -65,7 +65,7 @@ class _PixelFormat:
     matrix: Colorspace | None
 
 
-class VideoFile(FrameSink):
+class VideoFileSink(FrameSink):
     """Writes a video file under a temporary name and renames it when it is finished.
 
     Leaving the `with` block by an exception finishes it too, so that a stopped recording can be

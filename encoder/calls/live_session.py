@@ -29,7 +29,7 @@ from encoder.learning.absence import AbsenceWatch
 from encoder.learning.face_sample import FaceSample
 from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import Learner
-from encoder.live_model.other_face import ShownFace
+from encoder.live_model.other_face import FaceChoice
 from encoder.live_model.pacing import Pacing
 from encoder.live_model.work_level import WorkLevel
 from shared_model.arrays import Array, Picture
@@ -69,7 +69,7 @@ class LiveEncoder:
         settings: LiveSettings,
         learner: Learner,
         pacing: Pacing,
-        shown: ShownFace | None = None,
+        shown: FaceChoice | None = None,
         events: CallEvents | None = None,
         early: FirstModel | None = None,
         clock: Callable[[], float] = time.monotonic,
@@ -95,7 +95,7 @@ class LiveEncoder:
             learner.encode_background,
         )
         self._model = ModelLifecycle(
-            fps, trainers, updates, stats, learner, pacing, shown or ShownFace(), events, early
+            fps, trainers, updates, stats, learner, pacing, shown or FaceChoice(), events, early
         )
         self._between, self._filler = FrameBetween(), PacketFiller(gop.frame_step)
         self._held_frames = int(pacing.coding_delay_s * coded_fps)

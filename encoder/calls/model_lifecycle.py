@@ -24,7 +24,7 @@ from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import Learner, ModesTask, TrainingTask
 from encoder.live_model.model_schedule import ModelSchedule
 from encoder.live_model.model_version import ModelVersion
-from encoder.live_model.other_face import ShownFace
+from encoder.live_model.other_face import FaceChoice
 from encoder.live_model.pacing import Pacing
 from encoder.live_model.training_frames import TrainingFrames
 from shared_model.arrays import Array, Picture
@@ -52,7 +52,7 @@ class ModelLifecycle:
         stats: SessionStats,
         learner: Learner,
         pacing: Pacing,
-        shown: ShownFace,
+        shown: FaceChoice,
         events: CallEvents,
         early: FirstModel | None = None,
     ) -> None:

@@ -25,7 +25,7 @@ def why_not_opened(number: int, devices: Path = DEVICES) -> str:
     return "it gives no pictures; another program may use it"
 
 
-class Camera:
+class CameraReader:
     """An open camera.  stated_fps: by its driver.  Raises `UserError` if it does not open."""
 
     def __init__(self, number: int) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from encoder.capture.camera import Camera
+from encoder.capture.camera import CameraReader
 from encoder.capture.frame_times import (
     DEFAULT_FPS,
     FrameTimes,
@@ -166,7 +166,7 @@ def open_source(source: str, square_pixels: bool = False) -> Capture:
     if not source:
         raise UserError("the name of the source is empty; give a video file or a camera's number")
     if source.isdecimal():
-        camera = Camera(int(source))
+        camera = CameraReader(int(source))
         rate = FrameTimes(exact_fps(camera.stated_fps))
         is_assumed = not is_usable_fps(camera.stated_fps)
         return Capture(source, camera, rate, None, True, is_fps_assumed=is_assumed)

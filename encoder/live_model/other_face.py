@@ -74,7 +74,7 @@ def cut_to(picture: Picture, centre: Array, size: tuple[int, int]) -> Picture:
     )
 
 
-class ShownFace:
+class FaceChoice:
     """Whose face a call shows: the caller's, or another one.
 
     other: None: there is no other.  version: its model, see `version_of_picture`.

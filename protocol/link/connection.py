@@ -74,7 +74,7 @@ class Received:
 
 
 @dataclass(frozen=True, slots=True)
-class Presence:
+class Answered:
     """Somebody has answered who is there; call: what that end is for, "" for a relay."""
 
     connection: int
@@ -90,7 +90,7 @@ class Elsewhere:
     port: int
 
 
-Event = Opened | Failed | Received | Presence | Elsewhere
+Event = Opened | Failed | Received | Answered | Elsewhere
 
 
 class Carrier(Protocol):
@@ -109,7 +109,7 @@ class Carrier(Protocol):
         """
 
     def ask(self, connection: int) -> None:
-        """Ask who is there; `Presence` follows for each answer."""
+        """Ask who is there; `Answered` follows for each answer."""
 
     def is_linked(self, connection: int) -> bool:
         """Whether another host is connected."""

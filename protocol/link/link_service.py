@@ -10,13 +10,13 @@ from time import monotonic
 from protocol.errors import ProtocolError
 from protocol.link.connection import (
     LISTENING,
+    Answered,
     Carrier,
     Connector,
     Elsewhere,
     Event,
     Open,
     Opened,
-    Presence,
     Received,
 )
 from protocol.link.delivery.receiver import DeliveryReceiver
@@ -77,7 +77,7 @@ class LinkService:
         self.delivery, self._protection, self.connector = delivery, protection, connector
         self._events: SimpleQueue[Event | None] = SimpleQueue()
         self._waiting_bytes, self._counting = 0, Lock()
-        self.presence: Presence | None = None
+        self.presence: Answered | None = None
         self._failure: Exception | None = None
         self._on_arrival, self._clock = on_arrival, clock
         self._carrier: Carrier | None = None
@@ -117,7 +117,7 @@ class LinkService:
         """
         with self._counting:
             waiting_bytes = self._waiting_bytes + _cost(event)
-            may_drop = isinstance(event, Received | Presence | Elsewhere)
+            may_drop = isinstance(event, Received | Answered | Elsewhere)
             if may_drop and waiting_bytes > MAX_WAITING_BYTES:
                 return
             self._waiting_bytes = waiting_bytes
@@ -173,7 +173,7 @@ class LinkService:
         now_s = self._clock()
         if isinstance(event, Received):
             self._receive(event)
-        elif isinstance(event, Presence):
+        elif isinstance(event, Answered):
             self.presence = event
             self._heard(event.connection, now_s, is_proof=False)
         elif self.connector is not None:

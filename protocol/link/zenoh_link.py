@@ -19,7 +19,7 @@ from zenoh.handlers import Callback
 
 from protocol.discovery import CallWatch
 from protocol.endpoint import Endpoint
-from protocol.link.connection import LISTENING, Elsewhere, Failed, Opened, Presence, Received
+from protocol.link.connection import LISTENING, Answered, Elsewhere, Failed, Opened, Received
 from protocol.link.endpoints import (
     Failure,
     ListenedPlaces,
@@ -44,7 +44,7 @@ from protocol.link.presence import (
     short_key,
 )
 from protocol.link.zenoh_session import (
-    Background,
+    SessionThreads,
     answer_who_is_there,
     open_session,
     reason,
@@ -86,7 +86,7 @@ class ZenohCarrier:
         # Links to a name, and those whose name has lost the address that they lead to.
         self._names: dict[int, Endpoint] = {}
         self._outdated: set[int] = set()
-        self._background = Background()
+        self._background = SessionThreads()
         self._listened = ListenedPlaces(options.listen)
         self._is_moving = False  # a session that listens elsewhere is being opened
         if options.listen:
@@ -230,7 +230,7 @@ class ZenohCarrier:
             if sample.attachment is None:
                 self._post(Received(connection, data, monotonic(), page_of(str(sample.key_expr))))
             elif (found := parse_presence(data)) is not None:
-                self._post(Presence(connection, *found))
+                self._post(Answered(connection, *found))
 
         # With a thread of its own a callback would outlive an interrupted program.
         keys = [self._heard_key] + [short_key(self._heard_key)] * (connection == LISTENING)

@@ -73,7 +73,7 @@ def _start_thread(function: Callable[[], None]) -> None:
     _thread.start_new_thread(run, ())
 
 
-class Background:
+class SessionThreads:
     """Threads in which sessions are opened and closed."""
 
     def __init__(self) -> None:

@@ -15,7 +15,7 @@ from predicted_frames import decode_payload
 from videos import read_frames
 
 from decoder.pipeline import DecodeOptions, decode
-from decoder.scene.appearance import AppearanceModel
+from decoder.scene.appearance import FrameTextures
 from encoder.calls.call_events import CallEvents
 from encoder.calls.model_states import TRANSITIONS, ModelState
 from encoder.coding.rdo_quantiser import CodedPacket
@@ -208,14 +208,14 @@ def test_modes_added_to_a_model_that_is_drawn_do_not_change_it(sent: Sent) -> No
         all_modes = transform.modes[:known] + modes + missing
         return replace(model, profile_data=serialise_transform(replace(transform, modes=all_modes)))
 
-    drawn = AppearanceModel(model)
+    drawn = FrameTextures(model)
     longer, _ = drawn.updated(with_more(one))
     # Three go on from models that another has gone on from: as where one is decoded again.
     added = ((), (one,), (one,), (other,), (one, other))
     updated = [drawn.updated(with_more(*modes))[0] for modes in added[2:]]
     coefficients = np.linspace(-3, 3, known + 2)
     for appearance, modes in zip((drawn, longer, *updated), added, strict=True):
-        expected = AppearanceModel(with_more(*modes))
+        expected = FrameTextures(with_more(*modes))
         np.testing.assert_array_equal(
             appearance.synthesise(coefficients), expected.synthesise(coefficients)
         )

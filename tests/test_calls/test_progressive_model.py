@@ -12,7 +12,7 @@ from shots import draw, talking
 from videos import read_frames
 
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
-from decoder.scene.appearance import AppearanceModel
+from decoder.scene.appearance import FrameTextures
 from decoder.scene.reenactment import read_model
 from encoder.calls.call_session import RecordedPass
 from encoder.calls.packet_sender import PacketSender
@@ -201,7 +201,7 @@ def test_applying_layers_one_by_one_gives_the_same_texture(unpaced: Path, unlaye
     """Decoding modes one after the other is decoding all of them."""
     first, *rest = packets_of(unpaced)
     assert isinstance(first, ModelPacket)
-    appearance, layers, model = AppearanceModel(first), LayerBuffer(), first
+    appearance, layers, model = FrameTextures(first), LayerBuffer(), first
     assert not appearance.has_modes
     for packet in rest:
         if isinstance(packet, LayerPacket):
@@ -212,7 +212,7 @@ def test_applying_layers_one_by_one_gives_the_same_texture(unpaced: Path, unlaye
     assert isinstance(expected, ModelPacket) and appearance.has_modes
     coefficients = np.linspace(-3, 3, len(parse_transform(expected.profile_data).modes))
     np.testing.assert_array_equal(
-        appearance.synthesise(coefficients), AppearanceModel(expected).synthesise(coefficients)
+        appearance.synthesise(coefficients), FrameTextures(expected).synthesise(coefficients)
     )
 
 
@@ -240,7 +240,7 @@ def test_a_damaged_texture_is_reported_once_and_leaves_the_texture_as_it_was(
 ) -> None:
     model = packets_of(unlayered)[0]
     assert isinstance(model, ModelPacket)
-    appearance, damaged = AppearanceModel(model), replace(model, texture=b"RIFF no picture")
+    appearance, damaged = FrameTextures(model), replace(model, texture=b"RIFF no picture")
     before = appearance.synthesise(np.zeros(0)).copy()
     with pytest.raises(ProtocolError, match="texture"):
         appearance.update(damaged)
@@ -259,12 +259,12 @@ def test_modes_before_a_damaged_one_are_used_and_not_decoded_again(unlayered: Pa
         profile_data = serialise_transform(replace(transform, modes=modes + missing))
         return replace(model, profile_data=profile_data, progressive=True)
 
-    appearance = AppearanceModel(with_modes())
+    appearance = FrameTextures(with_modes())
     with pytest.raises(ProtocolError, match="mode 1 has no step"):
         appearance.update(with_modes(transform.modes[0], b"\xff"))
     appearance.update(with_modes(transform.modes[0], b"\xff", *transform.modes[2:]))
     coefficients = np.linspace(-3, 3, len(transform.modes))
-    expected = AppearanceModel(with_modes(transform.modes[0]))
+    expected = FrameTextures(with_modes(transform.modes[0]))
     np.testing.assert_array_equal(
         appearance.synthesise(coefficients), expected.synthesise(coefficients)
     )

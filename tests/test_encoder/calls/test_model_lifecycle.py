@@ -20,7 +20,7 @@ from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import BUDGETS
 from encoder.live_model.call_trainer import CallTrainers
 from encoder.live_model.learner import LocalLearner
-from encoder.live_model.other_face import ShownFace
+from encoder.live_model.other_face import FaceChoice
 from encoder.live_model.pacing import UNPACED
 from protocol.call_file import CallStreamWriter
 
@@ -52,7 +52,7 @@ def test_a_call_without_a_face_has_no_version_and_ends_once(tmp_path: Path) -> N
         updates = ModelUpdateSender(PacketSender(sink, stats), stats, gop, 25.0)
         trainers = CallTrainers(capture.format, gop, BUDGETS["live"], False, UNPACED)
         model = ModelLifecycle(
-            25.0, trainers, updates, stats, LocalLearner(), UNPACED, ShownFace(), CallEvents()
+            25.0, trainers, updates, stats, LocalLearner(), UNPACED, FaceChoice(), CallEvents()
         )
         assert model.state is ModelState.SEARCHING
         with pytest.raises(ValueError, match="no face"):

@@ -9,12 +9,12 @@ from protocol.endpoint import Endpoint
 from protocol.link import link_service
 from protocol.link.connection import (
     LISTENING,
+    Answered,
     Carrier,
     Connector,
     Elsewhere,
     Failed,
     Opened,
-    Presence,
     Received,
 )
 from protocol.link.delivery.receiver import DeliveryReceiver
@@ -103,7 +103,7 @@ class End(Carrier):
         network = self._network
         network.asked.append(connection)
         if self._answers and not network.is_cut:
-            network.connecting.post(Presence(connection, Role.RELAY, ""))
+            network.connecting.post(Answered(connection, Role.RELAY, ""))
 
     def is_linked(self, connection: int) -> bool:
         return not self._network.is_broken
@@ -174,11 +174,11 @@ def test_a_relay_that_answers_is_a_link_though_nobody_else_is_there() -> None:
     network.listening.stop()
     network.is_cut, end = True, network.connecting
     network.run(0.1)
-    end.post(Presence(0, Role.RELAY, ""))
+    end.post(Answered(0, Role.RELAY, ""))
     end.post(Received(0, b"garbage", network.now_s))
     end.post(Received(0, PlainProtection(b"encoder1", True).protect(b"\xc0\x63"), 0.0))
     network.run(0.2)
-    assert end.presence == Presence(0, Role.RELAY, "") and end.is_linked
+    assert end.presence == Answered(0, Role.RELAY, "") and end.is_linked
 
 
 @pytest.mark.parametrize("scheme", ["udp", "tcp"])
@@ -233,7 +233,7 @@ def test_an_end_runs_until_it_is_stopped_and_tells_what_fails() -> None:
     network.connecting.attach(Broken(network, network.listening, False))
     network.now_s += 1
     network.connecting.post(Opened(0))
-    network.connecting.post(Presence(0, Role.DECODER, "anna"))
+    network.connecting.post(Answered(0, Role.DECODER, "anna"))
     network.connecting.run()
     with pytest.raises(RuntimeError, match="broken"):
         network.connecting.raise_failure()
