@@ -22,7 +22,7 @@ def test_all_are_listed_with_what_they_measure() -> None:
 
 
 def test_one_explains_itself_under_the_name_it_is_called_by() -> None:
-    result = run("long_run", "--help")
+    result = run("full_rate", "--help")
     assert result.returncode == 0 and "usage:" in result.stdout
 
 
@@ -30,7 +30,7 @@ def test_one_explains_itself_under_the_name_it_is_called_by() -> None:
     "arguments",
     [
         ["nosuch"],
-        ["long_run", "nosuch.mp4", "out.mkv"],
+        ["full_rate", "nosuch.mp4", "out.mkv"],
         ["figures", "nosuch.mp4"],
         ["enlarged_landmarks", "nosuch", "-o", "nosuch.csv"],
     ],

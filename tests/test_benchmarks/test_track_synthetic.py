@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.measure_tracking import jitter
 from benchmarks.track_synthetic import (
     EAUS,
     POSE,
@@ -96,10 +95,6 @@ def test_the_table_has_the_thesis_and_every_caller() -> None:
     table = error_table({"anna": {"all parts": figures}, "otto": {"all parts": figures}})
     assert "| thesis | | 3.40 | 4.57 | 2.55 | 0.095" in table
     assert "| all parts | anna |" in table and "| all parts | otto |" in table
-
-
-def test_even_motion_does_not_jitter() -> None:
-    assert jitter(np.outer(np.arange(10.0), [1, 2, 3])) == pytest.approx([0, 0, 0])
 
 
 def test_the_charts_are_a_page(tmp_path: Path) -> None:

@@ -1,1 +1,0 @@
-"""Error near a person's outline."""
