@@ -25,10 +25,14 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class CallFigure:
-    """How a figure is taken from the reports of encoder and decoder."""
+    """How a figure is taken from the reports of encoder and decoder.
+
+    parts: names of its numbers; empty: those of the stages or levels that there are.
+    """
 
     take: Callable[[Report, Report], Any]
     kind: Kind = Kind.NUMBER
+    parts: tuple[str, ...] = ()
 
 
 def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
@@ -39,9 +43,11 @@ def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
 
 def is_call_figure(name: str) -> bool:
     """Whether a call has a number of this dotted name."""
-    head, dot, _ = name.partition(".")
+    head, dot, part = name.partition(".")
     figure = CALL_FIGURES.get(head)
-    return figure is not None and figure.kind is (Kind.NUMBERS if dot else Kind.NUMBER)
+    if figure is None or figure.kind is not (Kind.NUMBERS if dot else Kind.NUMBER):
+        return False
+    return not figure.parts or part in figure.parts
 
 
 def latency_ms(
@@ -111,7 +117,9 @@ CALL_FIGURES = {
     "lost_packets": _shown("lost_packets"),
     "lost_frames": _sent("lost_frames"),
     "latency_ms": CallFigure(
-        lambda sent, shown: latency_ms(sent["capture_ns"], shown["shown_ns"]), Kind.NUMBERS
+        lambda sent, shown: latency_ms(sent["capture_ns"], shown["shown_ns"]),
+        Kind.NUMBERS,
+        ("p50", "p99"),
     ),
     "encoder_ms": _times(0, "stage_ms"),
     "decoder_ms": _times(1, "stage_ms"),
