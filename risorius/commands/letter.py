@@ -32,8 +32,8 @@ def add_letter(added: "Commands") -> None:
         "letter",
         "make one HTML file of a video or a call, which plays it in any browser",
         "The file has everything in it, the player and the call, and needs no server and no\n"
-        "network: send it by mail, open it on a phone.  It weighs about 165 kB and 25 kB for each\n"
-        "minute, as much again with a voice.",
+        "network: send it by mail, open it on a phone.  It weighs about 165 kB and 8 kB for each\n"
+        "minute, 50 to 75 kB with a voice.  A camera's is coded in one pass, and softer.",
         "  risorius letter me.mp4 -o me.html\n"
         "  risorius letter call.rzo -o call.html\n"
         "  risorius letter 0 -o hello.html            # from the camera; Ctrl-C ends it\n",
