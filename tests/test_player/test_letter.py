@@ -187,7 +187,7 @@ def test_a_letter_of_a_camera_ends_with_ctrl_c(
     pictures, letter = read_frames(slow_clip), tmp_path / "letter.html"
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     camera = StoppedCamera(pictures, tmp_path)
-    monkeypatch.setattr(video_source, "Camera", lambda number: camera)
+    monkeypatch.setattr(video_source, "CameraReader", lambda number: camera)
     with without_layers():
         assert main(["letter", "0", "-o", str(letter), "--model-bytes", "3000"]) == INTERRUPTED
     assert [path.name for path in tmp_path.iterdir()] == [letter.name]
