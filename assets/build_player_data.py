@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "player" / "data" / "player.bin"
 BUILT = ROOT / "player" / "built"
 # What is compiled of `player/wasm`.
-COMPILED = "pictures", "filters"
+COMPILED = "pictures", "filters", "texture"
 WEIGHTS = ROOT / "protocol" / "data" / "probability_model.npz"
 # Steps of positions and of fields, mm, and of texture coordinates.
 POSITION_STEP_MM, FIELD_STEP_MM, TEXTURE_STEP = 1 / 64, 1 / 16, 1 / 32767
@@ -57,12 +57,14 @@ def player_data() -> bytes:
 
 
 def _coded(array: Stored) -> bytes:
-    """The bytes of an array; those of int16 so that they compress well, see data_file.js."""
-    if array.dtype != np.int16:
+    """The bytes of an array; those of integers so that they compress well, see data_file.js."""
+    if array.dtype not in (np.int16, np.int32):
         return array.tobytes()
-    steps = np.diff(array.ravel().astype(np.int64), prepend=0).astype(np.int16).astype(np.int64)
-    zigzag = (steps << 1 ^ steps >> 15).astype("<u2")
-    return zigzag.view(np.uint8).reshape(-1, 2).T.tobytes()
+    values = array.ravel().astype(np.int64)
+    if array.dtype == np.int16:
+        values = np.diff(values, prepend=0).astype(np.int16).astype(np.int64)
+    zigzag = (values << 1 ^ values >> 63).astype("<u8")
+    return zigzag.view(np.uint8).reshape(-1, 8)[:, : array.itemsize].T.tobytes()
 
 
 def _generic_arrays() -> Mapping[str, Stored]:

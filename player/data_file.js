@@ -10,8 +10,9 @@ const TYPES = { float32: Float32Array, int32: Int32Array, int16: Int16Array, uin
  * what is compiled.
  *
  * The file is a head of JSON after its length (four bytes, the lowest first), an array of [name,
- * type, number of values], then their values, little-endian.  Those of int16 are differences, each
- * from the value before: the low bytes of all, then the high ones, of 2 d, or -2 d - 1 if d < 0.
+ * type, number of values], then their values, little-endian.  Of integers with a sign there are the
+ * lowest bytes of all, then the next ones, of 2 d, or -2 d - 1 if d < 0; those of int16 are
+ * differences, each from the value before.
  * `assets.build_player_data` writes it.
  * @param {ArrayBuffer} file
  * @returns {Arrays}
@@ -27,7 +28,9 @@ export function readDataFile(file) {
     const size = count * /** @type {any} */ (Type).BYTES_PER_ELEMENT;
     check(start + size <= file.byteLength, "the player's data file is cut off");
     const bytes = file.slice(start, start + size);
-    arrays.set(name, type === "int16" ? integersFrom(new Uint8Array(bytes)) : new Type(bytes));
+    const values = new Type(bytes);
+    if (type.startsWith("int")) readIntegers(new Uint8Array(bytes.slice(0)), values);
+    arrays.set(name, values);
     start += size;
   }
   return arrays;
@@ -44,14 +47,19 @@ export function array(data, name) {
   return found;
 }
 
-/** @param {Uint8Array} bytes of int16 */
-function integersFrom(bytes) {
-  const values = new Int16Array(bytes.length / 2);
+/**
+ * @param {Uint8Array} bytes
+ * @param {Float32Array | Int32Array | Int16Array | Uint8Array} values written
+ */
+function readIntegers(bytes, values) {
+  const isDifference = values.BYTES_PER_ELEMENT === 2;
   let value = 0;
   for (let i = 0; i < values.length; i++) {
-    const code = bytes[i] + 256 * bytes[values.length + i];
-    value += code % 2 ? -(code + 1) / 2 : code / 2;
+    let code = 0;
+    for (let at = bytes.length - values.length + i; at >= 0; at -= values.length)
+      code = 256 * code + bytes[at];
+    const read = code % 2 ? -(code + 1) / 2 : code / 2;
+    value = isDifference ? value + read : read;
     values[i] = value;
   }
-  return values;
 }

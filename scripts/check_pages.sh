@@ -17,7 +17,7 @@ done
 built=$(mktemp -d)
 trap 'rm -rf "$built"' EXIT
 sh scripts/build_player.sh "$built"
-for script in letter.js face_drawer.js pictures.wasm filters.wasm; do
+for script in letter.js face_drawer.js pictures.wasm filters.wasm texture.wasm; do
     cmp "$built/$script" "player/built/$script" || {
         echo "player/built/$script is not what the sources make: run make player" >&2
         exit 1

@@ -4,7 +4,7 @@ import { isPicture, modeDecoder, parsePictureHeader } from "../format/pictures/p
 import { LIDS } from "../model/parameters.js";
 import { Atlas } from "./atlas.js";
 import { lidsOf, lightenLids } from "./closed_lids.js";
-import { colourLimits, limitColours, toByte } from "./local_colours.js";
+import { colourLimits, toByte } from "./local_colours.js";
 import { blendSurroundSeam } from "./surround_seam.js";
 
 /** @typedef {import("../format/pictures/picture.js").Image} Image */
@@ -14,6 +14,8 @@ import { blendSurroundSeam } from "./surround_seam.js";
 /** @typedef {import("../model/parameters.js").Face} Face */
 /** @typedef {import("./closed_lids.js").Lids} Lids */
 /** @typedef {import("./local_colours.js").ColourLimits} ColourLimits */
+/** @typedef {import("./texture_synthesis.js").TextureSynthesis} TextureSynthesis */
+/** What is compiled of the player's drawing. @typedef {{filters: ImageFilters, synthesis: TextureSynthesis}} Compiled */
 /**
  * The decoded texture of a caller.
  * @typedef {object} MeanTexture
@@ -109,19 +111,19 @@ export class AppearanceDecoder {
   }
 }
 
-/** Makes the texture of each frame: the mean and the modes times their coefficients. */
+/** Makes the texture of each frame. */
 export class Appearance {
   /**
-   * @param {ImageFilters} filters
+   * @param {Compiled} compiled
    * @param {MeanTexture} mean
    * @param {Float32Array[]} modes each (size, size, 3)
    */
-  constructor(filters, mean, modes) {
+  constructor({ filters, synthesis }, mean, modes) {
     this.filters = filters;
+    this.synthesis = synthesis;
     this.mean = mean;
     this.modes = modes;
-    this.added = new Float32Array(3 * mean.size ** 2);
-    this.texture = new Uint8ClampedArray(4 * mean.size ** 2).fill(255);
+    this.texture = new Uint8ClampedArray(4 * mean.size ** 2);
   }
 
   /**
@@ -129,39 +131,15 @@ export class Appearance {
    * @param {Face} face
    */
   synthesise({ modes, eau }) {
-    const { added, texture } = this;
-    const { mean, limits, lids } = this.mean;
-    added.fill(0);
-    for (let k = 0; k < this.modes.length; k += 4)
-      addModes(this.modes.slice(k, k + 4), modes.slice(k, k + 4), added);
-    if (limits && modes.length) {
-      limitColours(limits, mean, added, texture);
-    } else {
-      for (let i = 0, p = 0; i < added.length; i += 3, p += 4) {
-        for (let c = 0; c < 3; c++) texture[p + c] = toByte(mean[i + c] + added[i + c]);
-      }
-    }
-    if (lids)
+    const { mean, texture } = this;
+    this.synthesis.synthesise(mean, this.modes, modes, texture);
+    if (mean.lids)
       lightenLids(
         this.filters,
-        lids,
+        mean.lids,
         texture,
         LIDS.map((lid) => eau[lid]),
       );
     return texture;
-  }
-}
-
-/**
- * Add up to four modes times their coefficients: at once, since each pass over a texture takes time.
- * @param {Float32Array[]} modes
- * @param {Float64Array} coefficients as many, or fewer
- * @param {Float32Array} added written
- */
-function addModes(modes, coefficients, added) {
-  const [first, second = first, third = first, fourth = first] = modes;
-  const [a = 0, b = 0, c = 0, d = 0] = coefficients;
-  for (let i = 0; i < added.length; i++) {
-    added[i] += a * first[i] + b * second[i] + c * third[i] + d * fourth[i];
   }
 }

@@ -1,13 +1,12 @@
 import { PICTURE_CORNERS } from "../model/layer_motion.js";
 import { bufferOf, programOf, Texture, writeBuffer } from "./gl.js";
-import { BACKGROUND, UNSEEN_SCENE } from "./shaders.js";
+import { BACKGROUND, CHANGED, LIT, STILL_SCENE, UNSEEN_SCENE } from "./shaders.js";
 import { unseenStrips } from "./unseen_strips.js";
 
 /** @typedef {import("../model/background_mesh.js").BackgroundMesh} BackgroundMesh */
 /** @typedef {import("./background_pictures.js").BackgroundPictures} BackgroundPictures */
 /** @typedef {import("./background_pictures.js").Bitmap} Bitmap */
 /** @typedef {import("./layer_colours.js").Light} Light */
-/** @typedef {ReturnType<typeof programOf>} Program */
 /**
  * What the layers of a frame look like.
  * @typedef {object} LayerState
@@ -36,9 +35,8 @@ export class BackgroundPass {
     this.gl = gl;
     const { width, height } = mesh.camera;
     this.size = [width, height];
-    this.program = programOf(gl, BACKGROUND);
-    /** What a change and light make of the colours: gain, offset, and whether there is a change. */
-    this.look = { gain: 1, offset: 0, isChanged: false };
+    /** What a change and light make of the colours: gain, offset, and which of the programs does. */
+    this.look = { gain: 1, offset: 0, program: 0 };
     this.layers = [pictures.moving, ...(pictures.still ? [pictures.still] : [])];
     this.textures = this.layers.map((layer) => {
       const texture = new Texture(gl, layer.width, layer.height);
@@ -55,29 +53,20 @@ export class BackgroundPass {
     this.count = solid.length + blended.length;
     this.grid = bufferOf(gl, Float32Array.from(gridPx));
     const shown = Uint32Array.from([...solid, ...blended]);
-    this.mesh = this.#vertexArray(this.program, this.grid, bufferOf(gl, coordinates), shown);
+    this.mesh = this.#vertexArray(this.grid, bufferOf(gl, coordinates), shown);
     const corners = PICTURE_CORNERS.map((corner, i) => corner * this.size[i & 1] - 0.5);
     this.places = bufferOf(gl, Float32Array.from(corners));
     this.corners = bufferOf(gl, Float32Array.from(PICTURE_CORNERS));
-    this.scene = this.#sceneArray(this.program);
-    /** @type {WebGLVertexArrayObject | null} */
-    this.unseenScene = null;
-  }
-
-  /** @param {Program} program */
-  #sceneArray(program) {
-    const strip = Uint32Array.from([0, 1, 2, 3]);
-    return this.#vertexArray(program, this.places, this.corners, strip);
+    this.scene = this.#vertexArray(this.places, this.corners, Uint32Array.from([0, 1, 2, 3]));
   }
 
   /**
-   * @param {Program} program
    * @param {WebGLBuffer} places
    * @param {WebGLBuffer} coordinates
    * @param {Uint32Array} indices
    */
-  #vertexArray(program, places, coordinates, indices) {
-    return program.vertexArray(
+  #vertexArray(places, coordinates, indices) {
+    return programOf(this.gl, BACKGROUND[CHANGED]).vertexArray(
       [
         [places, [["position_px", 2]]],
         [coordinates, [["texture_coordinate", 2]]],
@@ -93,9 +82,12 @@ export class BackgroundPass {
   draw({ gridPx, change, light, corners }) {
     const { gl } = this;
     const { gain, offset, pivot } = light ?? { gain: 1, offset: 0, pivot: 0 };
-    const isChanged = change !== null;
-    this.look = { gain, offset: (pivot - gain * pivot + offset) / 255, isChanged };
-    this.#use(this.program);
+    const isLit = gain !== 1 || offset !== 0;
+    this.look = {
+      gain,
+      offset: (pivot - gain * pivot + offset) / 255,
+      program: (change ? CHANGED : 0) + (isLit ? LIT : 0),
+    };
     if (change) this.change.write(change);
     gl.activeTexture(gl.TEXTURE1);
     this.change.use();
@@ -116,24 +108,26 @@ export class BackgroundPass {
    */
   #drawPerson(first, end) {
     const { gl } = this;
-    this.program.use();
-    this.program.set("depth", PERSON_DEPTH);
+    this.#use(BACKGROUND, PERSON_DEPTH);
     this.textures[0].use();
     gl.bindVertexArray(this.mesh);
     gl.drawElements(gl.TRIANGLES, end - first, gl.UNSIGNED_INT, 4 * first);
   }
 
   /**
-   * Draw layers by a program from now on, in the change and light of the frame.
-   * @param {Program} program
+   * Draw layers at a depth from now on, in the change and light of the frame.
+   * @param {typeof BACKGROUND} programs
+   * @param {number} depth
    */
-  #use(program) {
-    const { gain, offset, isChanged } = this.look;
+  #use(programs, depth) {
+    const { gain, offset, program: own } = this.look;
+    const program = programOf(this.gl, programs[own]);
     program.use();
     program.set("picture_px", this.size[0], this.size[1]);
+    program.set("depth", depth);
     program.set("light", gain, offset);
-    program.setFlag("is_changed", isChanged);
     program.setUnit("change", 1);
+    return program;
   }
 
   /**
@@ -146,8 +140,8 @@ export class BackgroundPass {
     if (!texture) return;
     const places = corners ?? PICTURE_CORNERS;
     writeBuffer(gl, this.corners, Float32Array.from(places));
-    this.program.use();
-    this.program.set("depth", SCENE_DEPTH);
+    const isStill = !corners && texture.width === this.size[0];
+    this.#use(isStill ? STILL_SCENE : BACKGROUND, SCENE_DEPTH);
     texture.use();
     gl.bindVertexArray(this.scene);
     gl.drawElements(gl.TRIANGLE_STRIP, 4, gl.UNSIGNED_INT, 0);
@@ -165,12 +159,7 @@ export class BackgroundPass {
     if (this.hasMipmaps) texture.useMipmaps(true);
     else texture.setMipmaps(true);
     this.hasMipmaps = true;
-    const program = programOf(gl, UNSEEN_SCENE);
-    this.#use(program);
-    program.set("depth", UNSEEN_DEPTH);
-    program.set("fade", UNSEEN_FADE);
-    this.unseenScene ??= this.#sceneArray(program);
-    gl.bindVertexArray(this.unseenScene);
+    this.#use(UNSEEN_SCENE, UNSEEN_DEPTH).set("fade", UNSEEN_FADE);
     gl.enable(gl.SCISSOR_TEST);
     for (const [left, top, width, height] of strips) {
       gl.scissor(left, this.size[1] - top - height, width, height);

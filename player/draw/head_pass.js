@@ -18,6 +18,29 @@ import { EDGE, HEAD } from "./shaders.js";
 const EXPANSION_PX = 0.7;
 const HALF_PX = 0.5;
 
+/** @type {WeakMap<Head, ReturnType<typeof newDrawnHead>>} */
+const drawnHeads = new WeakMap();
+
+/**
+ * What all models with a head have of its drawing, made once.
+ * @param {Head} head
+ */
+function drawnHead(head) {
+  const drawn = drawnHeads.get(head) ?? newDrawnHead(head);
+  drawnHeads.set(head, drawn);
+  return drawn;
+}
+
+/** @param {Head} head */
+function newDrawnHead(head) {
+  return {
+    falloff: teethFalloff(head),
+    inside: Uint8Array.from({ length: head.count }, (_, v) => (insideMouth(head, v) ? 1 : 0)),
+    edges: new EdgeMesh(head),
+    ...drawingOrder(head),
+  };
+}
+
 /** Draws a head in its texture, with smooth edges. */
 export class HeadPass {
   /**
@@ -33,10 +56,10 @@ export class HeadPass {
     this.width = width;
     this.height = height;
     this.atlas = new Texture(gl, textureSize, textureSize);
-    this.falloff = teethFalloff(head);
-    this.inside = Uint8Array.from({ length: head.count }, (_, v) => (insideMouth(head, v) ? 1 : 0));
-    this.edges = new EdgeMesh(head);
-    const { ordered, ends } = drawingOrder(head);
+    const { falloff, inside, edges, ordered, ends } = drawnHead(head);
+    this.falloff = falloff;
+    this.inside = inside;
+    this.edges = edges;
     this.ends = { ...ends, all: ordered.length };
     this.program = programOf(gl, HEAD);
     this.positions = bufferOf(gl, new Float32Array(3 * head.count));

@@ -1,7 +1,7 @@
 import { BackgroundPass } from "./background_pass.js";
 import { CanvasPicture, programOf } from "./gl.js";
 import { HeadPass } from "./head_pass.js";
-import { BACKGROUND, EDGE, HEAD } from "./shaders.js";
+import { BACKGROUND, CHANGED, EDGE, HEAD, STILL_SCENE } from "./shaders.js";
 
 /** @typedef {import("../model/background_mesh.js").BackgroundMesh} BackgroundMesh */
 /** @typedef {import("../model/geometry.js").Camera} Camera */
@@ -88,7 +88,8 @@ export class Renderer {
  * @param {WebGL2RenderingContext} gl
  */
 export function prepareToDraw(gl) {
-  for (const shaders of [BACKGROUND, HEAD, EDGE]) programOf(gl, shaders);
+  for (const shaders of [BACKGROUND[CHANGED], STILL_SCENE[CHANGED], HEAD, EDGE])
+    programOf(gl, shaders);
 }
 
 /**

@@ -12,9 +12,9 @@ import { ResidualPicture } from "./residual_picture.js";
 /** @typedef {import("../model/head.js").Head} Head */
 /** @typedef {import("../model/parameters.js").Pose} Pose */
 /** @typedef {import("../playout/playout.js").PlayoutFrame} PlayoutFrame */
+/** @typedef {import("./appearance.js").Compiled} Compiled */
 /** @typedef {import("./appearance.js").MeanTexture} MeanTexture */
 /** @typedef {import("./background_pictures.js").BackgroundPictures} BackgroundPictures */
-/** @typedef {import("./image_filters.js").ImageFilters} ImageFilters */
 /** @typedef {import("./scene_geometry.js").SceneGeometry} SceneGeometry */
 /**
  * The pictures of a model.
@@ -32,12 +32,12 @@ const OPEN_MOUTH_MM = 12;
 export class Scene {
   /**
    * @param {WebGL2RenderingContext} gl whose canvas has the size of the pictures
-   * @param {ImageFilters} filters
+   * @param {Compiled} compiled
    * @param {SceneGeometry} geometry
    * @param {ModelPacket} model
    * @param {ModelPictures} pictures
    */
-  constructor(gl, filters, { head, person, mesh }, model, pictures) {
+  constructor(gl, compiled, { head, person, mesh }, model, pictures) {
     this.head = head;
     this.model = model;
     this.layers = { ...pictures.background, changes: pictures.background.changes.length };
@@ -47,7 +47,7 @@ export class Scene {
     this.mesh = mesh;
     const { fields } = pictures.background;
     this.fields = fields ? fieldsAtMesh(this.mesh, fields) : [];
-    this.appearance = new Appearance(filters, pictures.mean, pictures.modes);
+    this.appearance = new Appearance(compiled, pictures.mean, pictures.modes);
     const { size } = pictures.mean;
     this.renderer = new Renderer(gl, head, this.mesh, pictures.background, size);
     this.residual = new ResidualPicture(model.call.width, model.call.height);

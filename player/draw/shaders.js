@@ -76,8 +76,9 @@ void main() {
 const BACKGROUND_VERTEX = `${HEADER}
 uniform vec2 picture_px;
 uniform float depth;
-in vec2 position_px;
-in vec2 texture_coordinate;
+// The same ones in all programs of layers.
+layout(location = 0) in vec2 position_px;
+layout(location = 1) in vec2 texture_coordinate;
 out vec2 uv;
 void main() {
     uv = texture_coordinate;
@@ -85,41 +86,61 @@ void main() {
     ${UPWARDS}
 }`;
 
-const LAYER = `${HEADER}
+const LAYER = `
 uniform sampler2D picture;
 // What is added to its colours, 128 grey levels more than that.
 uniform sampler2D change;
-uniform bool is_changed;
 // Light: colours v become gain v + offset.
 uniform vec2 light;
 in vec2 uv;
 out vec4 colour;
-vec4 layer(vec2 at, float level) {
-    vec4 own = textureLod(picture, at, level);
-    if (is_changed) own.rgb = clamp(own.rgb + textureLod(change, at, 0.0).rgb - 128.0 / 255.0, 0.0, 1.0);
-    return vec4(clamp(light.x * own.rgb + light.y, 0.0, 1.0), own.a);
+vec4 layer(vec2 at, vec4 own) {
+#ifdef CHANGED
+    own.rgb = clamp(own.rgb + textureLod(change, at, 0.0).rgb - 128.0 / 255.0, 0.0, 1.0);
+#endif
+#ifdef LIT
+    own.rgb = light.x * own.rgb + light.y;
+#endif
+    return own;
 }
 `;
 
-/** A layer behind the head. */
-export const BACKGROUND = {
-  vertex: BACKGROUND_VERTEX,
-  fragment: `${LAYER}
+/** What may be done to the colours of layers; a program is found by the sum of what is. */
+export const CHANGED = 1;
+export const LIT = 2;
+
+/**
+ * The programs of layers, by whether their colours change and have a light of their own: software
+ * takes time for what it need not do.
+ * @param {string} main
+ */
+function layerPrograms(main) {
+  const looks = ["", "#define CHANGED\n", "#define LIT\n", "#define CHANGED\n#define LIT\n"];
+  return looks.map((look) => ({
+    vertex: BACKGROUND_VERTEX,
+    fragment: `${HEADER}${look}${LAYER}${main}`,
+  }));
+}
+
+/** Layers behind the head. */
+export const BACKGROUND = layerPrograms(`
 void main() {
-    colour = layer(uv, 0.0);
-}`,
-};
+    colour = layer(uv, textureLod(picture, uv, 0.0));
+}`);
+
+/** The scene where each pixel has a texel of its own: software finds that much faster. */
+export const STILL_SCENE = layerPrograms(`
+void main() {
+    colour = layer(uv, texelFetch(picture, ivec2(uv * vec2(textureSize(picture, 0))), 0));
+}`);
 
 /** The scene where it was never seen: as in a mirror at its edge, the more blurred the farther. */
-export const UNSEEN_SCENE = {
-  vertex: BACKGROUND_VERTEX,
-  fragment: `${LAYER}
+export const UNSEEN_SCENE = layerPrograms(`
 uniform float fade;
 const float MOST_BLURRED = 5.0;
 void main() {
     vec2 beyond = max(abs(uv - 0.5) - 0.5, 0.0);
     float away = max(beyond.x, beyond.y);
     vec2 mirrored = 1.0 - abs(1.0 - mod(uv, 2.0));
-    colour = layer(mirrored, MOST_BLURRED * min(away / fade, 1.0));
-}`,
-};
+    colour = layer(mirrored, textureLod(picture, mirrored, MOST_BLURRED * min(away / fade, 1.0)));
+}`);

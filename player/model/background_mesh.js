@@ -55,8 +55,21 @@ export class BackgroundMesh {
     this.rotationWeight = this.#rotationWeights(outline);
     this.rigidMm = this.lift(this.gridPx);
     this.edges = this.#edgeFalloff();
-    const sigma = SKIN_SIGMA * this.faceWidthPx;
-    this.skin = new SkinConstraints(this, head, vertices, sigma);
+    this.skin = new SkinConstraints(this, head, vertices);
+  }
+
+  /**
+   * A mesh, found step by step: it takes long.
+   * @param {Camera} camera
+   * @param {Pose} reference
+   * @param {Head} head
+   * @param {Float64Array} vertices
+   * @returns {Generator<void, BackgroundMesh>}
+   */
+  static *found(camera, reference, head, vertices) {
+    const mesh = new BackgroundMesh(camera, reference, head, vertices);
+    yield* mesh.skin.weigh(mesh, SKIN_SIGMA * mesh.faceWidthPx);
+    return mesh;
   }
 
   /**

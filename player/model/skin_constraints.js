@@ -9,6 +9,8 @@ import { PARTS } from "./head.js";
 const FREE_WEIGHT = 0.15;
 const MIN_WEIGHT = 1e-3;
 const FACING_COSINE = 0.3;
+/** Vertices and points that are weighed at a time. */
+const AT_ONCE = 128;
 
 /** The skin in the background picture, and how the mesh points near it follow it. */
 export class SkinConstraints {
@@ -16,9 +18,8 @@ export class SkinConstraints {
    * @param {BackgroundMesh} mesh
    * @param {Head} head
    * @param {Float64Array} vertices (n, 3) mm, of the head in the picture
-   * @param {number} sigmaPx standard deviation of the kernel
    */
-  constructor(mesh, head, vertices, sigmaPx) {
+  constructor(mesh, head, vertices) {
     const cosines = facingCosines(mesh.reference, head, vertices);
     /** @type {number[]} */
     this.vertices = [];
@@ -26,18 +27,22 @@ export class SkinConstraints {
       const isDrawn = head.opacity[v] > 0 && head.parts[v] === PARTS.SKIN;
       if (isDrawn && cosines[v] > FACING_COSINE) this.vertices.push(v);
     }
-    const pixels = pixelFromHead(mesh.camera, mesh.reference, this.#picked(vertices));
-    this.rigidMm = mesh.lift(pixels);
-    this.#weigh(mesh, pixels, sigmaPx);
+    /** (k, 2) of the vertices */
+    this.pixels = pixelFromHead(mesh.camera, mesh.reference, this.#picked(vertices));
+    this.rigidMm = mesh.lift(this.pixels);
+    /** @type {number[]} those of the mesh that follow the skin; none before `weigh` */
+    this.points = [];
+    /** @type {Float64Array[]} of each vertex in the motion of each of them */
+    this.weights = [];
   }
 
   /**
-   * Find the points that follow the skin, and the weight of each vertex in their motion.
+   * Find the points that follow the skin, and the weight of each vertex in their motion, step by step.
    * @param {BackgroundMesh} mesh
-   * @param {Float64Array} pixels (k, 2) of the vertices
-   * @param {number} sigmaPx
+   * @param {number} sigmaPx standard deviation of the kernel
    */
-  #weigh(mesh, pixels, sigmaPx) {
+  *weigh(mesh, sigmaPx) {
+    const { pixels } = this;
     const count = this.vertices.length;
     const square = (/** @type {number} */ x, /** @type {number} */ y, /** @type {number} */ k) =>
       (pixels[2 * k] - x) ** 2 + (pixels[2 * k + 1] - y) ** 2;
@@ -45,6 +50,7 @@ export class SkinConstraints {
     // By the area around each vertex, since vertices are dense around eyes and mouth.
     const density = new Float64Array(count);
     for (let i = 0; i < count; i++) {
+      if (i % AT_ONCE === 0) yield;
       density[i] += kernel(0);
       for (let k = i + 1; k < count; k++) {
         const weight = kernel(square(pixels[2 * i], pixels[2 * i + 1], k));
@@ -52,11 +58,8 @@ export class SkinConstraints {
         density[k] += weight;
       }
     }
-    /** @type {number[]} */
-    this.points = [];
-    /** @type {Float64Array[]} */
-    this.weights = [];
     for (let p = 0; p < mesh.rows * mesh.columns; p++) {
+      if (p % AT_ONCE === 0) yield;
       const x = mesh.gridPx[2 * p];
       const y = mesh.gridPx[2 * p + 1];
       let nearest = Infinity;

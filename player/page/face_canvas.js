@@ -2,12 +2,15 @@ import { readDataFile } from "../data_file.js";
 import { ImageFilters } from "../draw/image_filters.js";
 import { prepareToDraw } from "../draw/renderer.js";
 import { Scene } from "../draw/scene.js";
-import { SceneGeometry } from "../draw/scene_geometry.js";
+import { geometryKey, sceneGeometry } from "../draw/scene_geometry.js";
+import { TextureSynthesis } from "../draw/texture_synthesis.js";
 import { FormatError } from "../format/errors.js";
 import { Heads } from "../model/heads.js";
 import { afterStep, codedPictures } from "../playout/models_of_call.js";
 
+/** @typedef {import("../draw/appearance.js").Compiled} Compiled */
 /** @typedef {import("../draw/scene.js").ModelPictures} ModelPictures */
+/** @typedef {import("../draw/scene_geometry.js").SceneGeometry} SceneGeometry */
 /** @typedef {import("../playout/playout.js").PlayoutFrame} PlayoutFrame */
 /** @typedef {import("../playout/received_models.js").ReceivedModel} ReceivedModel */
 /** @typedef {import("./decode_worker.js").Answer} Answer */
@@ -30,12 +33,14 @@ export class FaceCanvas {
     this.gl = /** @type {WebGL2RenderingContext | null} */ (canvas.getContext("webgl2", options));
     const arrays = readDataFile(data);
     this.heads = new Heads(arrays);
-    /** @type {ImageFilters | null} null until they have been compiled */
-    this.filters = null;
-    ImageFilters.load(arrays).then((filters) => {
-      this.filters = filters;
-      this.onStep();
-    });
+    /** @type {Compiled | null} null until it has been compiled */
+    this.compiled = null;
+    Promise.all([ImageFilters.load(arrays), TextureSynthesis.load(arrays)]).then(
+      ([filters, synthesis]) => {
+        this.compiled = { filters, synthesis };
+        this.onStep();
+      },
+    );
     this.kept = kept;
     /** @type {Map<CodedModel, ModelPictures | undefined>} as far as they have been decoded, in the order in which they came */
     this.pictures = new Map();
@@ -49,8 +54,8 @@ export class FaceCanvas {
     this.onStep = () => {};
     /** @type {Scene | null} */
     this.scene = null;
-    /** @type {WeakMap<CodedModel["model"], SceneGeometry>} */
-    this.geometries = new WeakMap();
+    /** @type {Map<string, SceneGeometry | Generator<void, SceneGeometry> | null>} found, or being found; null: there is none */
+    this.geometries = new Map();
     this.worker = worker;
     worker.onmessage = (/** @type {MessageEvent<Answer>} */ { data: answer }) => this.#take(answer);
     worker.postMessage({ data });
@@ -59,7 +64,7 @@ export class FaceCanvas {
 
   /** Whether all models have been decoded. */
   get isDecoded() {
-    return this.filters !== null && !this.waiting.length;
+    return this.compiled !== null && !this.waiting.length;
   }
 
   /**
@@ -74,15 +79,52 @@ export class FaceCanvas {
     }
     this.waiting.push(coded);
     this.worker.postMessage(codedPictures(coded));
-    // Of the first model while the worker decodes its pictures, of others when they are drawn.
-    if (!this.scene && this.pictures.size === 1) this.#geometryOf(coded.model);
+    this.#prepare(coded.model);
+  }
+
+  /**
+   * Find the geometry of a model while the worker decodes its pictures and the page draws.
+   * @param {CodedModel["model"]} model
+   */
+  #prepare(model) {
+    const key = geometryKey(model);
+    if (this.geometries.has(key)) return;
+    this.geometries.set(key, sceneGeometry(this.heads, model));
+    for (const old of this.geometries.keys()) {
+      if (this.geometries.size <= this.kept) break;
+      this.geometries.delete(old);
+    }
+    const step = () => {
+      if (this.#stepOf(key)) setTimeout(step);
+    };
+    setTimeout(step);
+  }
+
+  /**
+   * One step of finding a geometry; whether there are more.
+   * @param {string} key
+   */
+  #stepOf(key) {
+    const steps = this.geometries.get(key);
+    if (!steps || !("next" in steps)) return false;
+    try {
+      const { done, value } = steps.next();
+      if (done) this.geometries.set(key, value);
+      return !done;
+    } catch (error) {
+      if (!(error instanceof FormatError)) throw error;
+      this.errors.push(error.message);
+      this.geometries.set(key, null);
+      return false;
+    }
   }
 
   /** @param {CodedModel["model"]} model */
   #geometryOf(model) {
-    const geometry = this.geometries.get(model) ?? new SceneGeometry(this.heads, model);
-    this.geometries.set(model, geometry);
-    return geometry;
+    this.#prepare(model);
+    const key = geometryKey(model);
+    while (this.#stepOf(key));
+    return /** @type {SceneGeometry | null} */ (this.geometries.get(key));
   }
 
   /** @param {Answer} answer */
@@ -106,21 +148,17 @@ export class FaceCanvas {
    */
   draw(coded, frame) {
     const pictures = this.pictures.get(coded);
-    if (!pictures || !this.gl || !this.filters) return false;
+    if (!pictures || !this.gl || !this.compiled) return false;
     const { width, height } = coded.model.call;
     if (this.canvas.width !== width || this.canvas.height !== height) {
       this.canvas.width = width;
       this.canvas.height = height;
     }
     if (!this.scene?.draws(coded.model, pictures)) {
+      const geometry = this.#geometryOf(coded.model);
+      if (!geometry) return false;
       this.scene?.close();
-      this.scene = new Scene(
-        this.gl,
-        this.filters,
-        this.#geometryOf(coded.model),
-        coded.model,
-        pictures,
-      );
+      this.scene = new Scene(this.gl, this.compiled, geometry, coded.model, pictures);
     }
     this.scene.setAppearance(pictures);
     this.#drawFrame(this.scene, frame);

@@ -1,9 +1,9 @@
 // Luma and the colour differences of blue and red, of four pixels at a time.
 
 /** Weights of blue, green and red in luma. */
-const BLUE: f32 = 0.114;
-const GREEN: f32 = 0.587;
-const RED: f32 = 0.299;
+export const BLUE: f32 = 0.114;
+export const GREEN: f32 = 0.587;
+export const RED: f32 = 0.299;
 
 /** Write four pixels R, G, B float32 of which luma, blue and red are known. */
 export function writeColours(to: usize, y: v128, blue: v128, red: v128): void {

@@ -1,6 +1,6 @@
 import { array } from "../data_file.js";
 import { Scene } from "../draw/scene.js";
-import { SceneGeometry } from "../draw/scene_geometry.js";
+import { sceneGeometry } from "../draw/scene_geometry.js";
 import { VOICES } from "../format/model_packet.js";
 import { AAUS, EAUS } from "../model/parameters.js";
 import { referenceFace } from "../model/person.js";
@@ -31,12 +31,12 @@ export async function warmUp(faces) {
 }
 
 /** @param {FaceCanvas} faces */
-function* steps({ gl, filters, heads }) {
-  if (!gl || !filters) return;
+function* steps({ gl, compiled, heads }) {
+  if (!gl || !compiled) return;
   const model = plainModel(array(heads.data, "control_points").length);
-  const geometry = new SceneGeometry(heads, model);
+  const geometry = yield* sceneGeometry(heads, model);
   yield;
-  const scene = new Scene(gl, filters, geometry, model, plainPictures());
+  const scene = new Scene(gl, compiled, geometry, model, plainPictures());
   try {
     yield;
     scene.draw({ face: referenceFace(model), index: 0, residual: null, presence: 1 });
