@@ -33,11 +33,15 @@ import { layerOpacity, maskOpacity } from "./soft_mask.js";
  * @returns {Bitmap}
  */
 function bitmapOf({ height, width, values }, alpha) {
-  const bitmap = new Uint8ClampedArray(4 * height * width);
-  for (let at = 0; at < height * width; at++) {
-    for (let c = 0; c < 3; c++) bitmap[4 * at + c] = toByte(values[3 * at + c]);
-    bitmap[4 * at + 3] = alpha ? Math.round(255 * alpha[at]) : 255;
+  // Values are cut to 0..255 as they are written.
+  const bitmap = new Uint8ClampedArray(4 * height * width).fill(255);
+  for (let i = 0, p = 0; i < values.length; i += 3, p += 4) {
+    bitmap[p] = Math.floor(values[i] + 0.5);
+    bitmap[p + 1] = Math.floor(values[i + 1] + 0.5);
+    bitmap[p + 2] = Math.floor(values[i + 2] + 0.5);
   }
+  for (let at = 0; alpha && at < alpha.length; at++)
+    bitmap[4 * at + 3] = Math.round(255 * alpha[at]);
   return { height, width, values: bitmap };
 }
 

@@ -28,11 +28,19 @@ function rasterOf(mask, side) {
  * @param {number} width
  */
 export function layerOpacity(filters, mask, side, height, width) {
-  const soft = feathered(mask, side);
-  const [low, high] = OPACITY_RANGE;
-  return filters
-    .resized(soft, height, width)
-    .values.map((value) => Math.min(Math.max((value - low) / (high - low), 0), 1));
+  const { values } = filters.resized(feathered(mask, side), height, width);
+  setWithin(values, OPACITY_RANGE);
+  return values;
+}
+
+/**
+ * Values as shares of a range, cut to 0..1.
+ * @param {Float32Array} values changed
+ * @param {number[]} range
+ */
+function setWithin(values, [low, high]) {
+  for (let i = 0; i < values.length; i++)
+    values[i] = Math.min(Math.max((values[i] - low) / (high - low), 0), 1);
 }
 
 /**
@@ -89,9 +97,7 @@ export function maskOpacity(filters, mask, side, height, width) {
     height,
     width,
   ).values;
-  const [low, high] = ALPHA_RANGE;
-  return {
-    alpha: soft.map((value) => Math.min(Math.max((value - low) / (high - low), 0), 1)),
-    isClear: Uint8Array.from(soft, (value) => (value <= low ? 1 : 0)),
-  };
+  const isClear = Uint8Array.from(soft, (value) => (value <= ALPHA_RANGE[0] ? 1 : 0));
+  setWithin(soft, ALPHA_RANGE);
+  return { alpha: soft, isClear };
 }
