@@ -2,6 +2,7 @@
 
 import base64
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -15,6 +16,8 @@ from shared_model.arrays import Picture
 SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 # How long a letter may take to be decoded.
 DECODED_S = 60.0
+# How long a call may take to be played.
+PLAYED_S = 120.0
 # How long a browser may take to start.
 STARTED_S = 10.0
 # Emulated conditions of a network.
@@ -39,6 +42,41 @@ window.time_frames = (count) => {
   for (let i = 0; i < count; i++) player.draw(i);
   player.faces.scene.read();
   return (performance.now() - start) / count;
+};
+"""
+# Plays a call once, and counts the frames that are not drawn.  Models come meanwhile as in a live
+# call: those of the call in turn, turned by less than can be seen, so that all of them is new.
+PLAY_THROUGH = """
+window.play_through = (updates_s) => {
+  const { player, clock } = letter;
+  const last = new Map(player.frames.map(({ received }) => [received.model.version, received]));
+  const models = [...last.values()];
+  player.faces.kept = Infinity;
+  const drawn = new Set();
+  const draw = player.draw;
+  player.draw = (index) => {
+    const is_drawn = draw.call(player, index);
+    if (is_drawn) drawn.add(index);
+    return is_drawn;
+  };
+  let count = 0;
+  const update = () => {
+    const { model, modes } = models[count++ % models.length];
+    const rotation = model.rotation.map((value) => value + 1e-9 * count);
+    player.faces.addModel({ model: { ...model, rotation }, modes });
+  };
+  const timer = updates_s ? setInterval(update, 1000 * updates_s) : 0;
+  window.played = null;
+  clock.seek(0);
+  clock.play();
+  const look = () => {
+    if (clock.isPlaying) return requestAnimationFrame(look);
+    clearInterval(timer);
+    player.draw = draw;
+    const frames = player.frames.length;
+    window.played = { frames, not_drawn: frames - drawn.size, models: count };
+  };
+  requestAnimationFrame(look);
 };
 """
 OPENED = """
@@ -98,6 +136,15 @@ window.Worker = class extends Worker {
 """
 
 
+@dataclass(frozen=True)
+class PlayedCall:
+    """Counts of a call that was played: its frames, those not drawn, models that came meanwhile."""
+
+    frames: int
+    not_drawn: int
+    models: int
+
+
 class PlayedLetter:
     """A letter in a browser that has no network; a context manager.
 
@@ -132,7 +179,7 @@ class PlayedLetter:
     def wait_until_decoded(self) -> None:
         """Wait until the letter is there with all its models."""
         self.browser.wait("shown_ms !== null && decoded_ms !== null", DECODED_S)
-        self.browser.value(GRAB)
+        self.browser.value(GRAB + PLAY_THROUGH)
 
     @property
     def message(self) -> str:
@@ -193,3 +240,12 @@ class PlayedLetter:
     def frame_ms(self, count: int) -> float:
         """Mean time of drawing the first frames, ms."""
         return float(self.browser.value(f"time_frames({count})"))
+
+    def play_through(self, updates_s: float) -> PlayedCall:
+        """Play the call once, at its speed.
+
+        updates_s: seconds after which another model comes, again and again; 0: none does.
+        """
+        self.browser.value(f"play_through({updates_s})")
+        self.browser.wait("played !== null", PLAYED_S)
+        return PlayedCall(**self.browser.value("played"))

@@ -7,6 +7,10 @@ browser that has been running, and in one that is just being started, there unti
 been decoded, of the worker for the first model, while the page opens and again when it is idle, of
 drawing a frame.
 Other programs on the machine are in these: --calls keeps the calls, and --times then takes seconds.
+
+With --updates each clip becomes a live call, whose letter is played at its speed, first without and
+then with another model each second, and so on: how many frames were not drawn in the first two
+plays and, in the median, in three such pairs after them.
 """
 
 import argparse
@@ -42,6 +46,9 @@ QUALITIES = (
     "page: face",
     "whole",
 )
+UPDATES = ("clip", "size", "frames", "models", "first play", "with models", "then", "with models")
+UPDATE_S = 1.0
+PAIRS = 3
 TIMES = ("first ms", "starting ms", "decoded ms", "model ms", "idle ms", "frame ms")
 
 
@@ -52,17 +59,22 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--max-frames", type=int, default=75, metavar="N", help="of each clip")
     parser.add_argument("--calls", metavar="FOLDER", help="keep the calls, and take those there")
     parser.add_argument("--times", action="store_true", help="only the times")
+    parser.add_argument("--updates", action="store_true", help="frames lost as models come")
     options = parser.parse_args(arguments)
     program = find_browser()
     if program is None:
         raise UserError("letters are played by Chromium: apt-get install chromium")
+    clips = [clip for each in options.clips for clip in videos_in(each)]
+    if options.updates:
+        print(table(UPDATES, [_updates(clip, options.max_frames, program) for clip in clips]))
+        return
     header = (*SIZES, *(() if options.times else QUALITIES), *TIMES)
     observer = None if options.times else find_observer()
     if observer is not None:
         stand_in = "" if observer.is_independent else ": make judge installs another one"
         warn(f"player: the judge is {observer.name}{stand_in}")
     rows = []
-    for clip in [clip for each in options.clips for clip in videos_in(each)]:
+    for clip in clips:
         with tempfile.TemporaryDirectory() as folder:
             call = Path(options.calls or folder) / f"{Path(clip).stem}.rzo"
             if not call.exists():
@@ -95,6 +107,25 @@ def _row(
         qualities = [] if observer is None else _qualities(clip, call, observer, played, folder)
     sizes = [path.stat().st_size / 1e3 for path in (call, letter)]
     return [Path(clip).name, f"{width}x{height}", *sizes, *qualities, *times]
+
+
+def _updates(clip: str, max_frames: int, program: str) -> list[Cell]:
+    """The cells of a clip that is played while models come."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        call, letter = folder / "live.rzo", folder / "letter.html"
+        encode(clip, call, live=True, max_frames=max_frames)
+        write_letter(call, letter, "letter", lambda lines: None)
+        with PlayedLetter(program, folder / "profile", letter) as played:
+            played.wait_until_decoded()
+            width, height = played.size
+            plays = [
+                (played.play_through(0), played.play_through(UPDATE_S)) for _ in range(1 + PAIRS)
+            ]
+    frames, models = plays[0][1].frames, plays[0][1].models
+    lost = [[play.not_drawn for play in pair] for pair in plays]
+    then = [int(count) for count in np.median(lost[1:], axis=0)]
+    return [Path(clip).name, f"{width}x{height}", frames, models, *lost[0], *then]
 
 
 def _qualities(
