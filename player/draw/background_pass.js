@@ -1,5 +1,6 @@
 import { PICTURE_CORNERS } from "../model/layer_motion.js";
-import { bufferOf, programOf, Texture, writeBuffer } from "./gl.js";
+import { bufferOf, programOf, Texture, writeBuffer, writeIndices } from "./gl.js";
+import { LayerCells } from "./layer_cells.js";
 import { BACKGROUND, CHANGED, LIT, STILL_SCENE, UNSEEN_SCENE } from "./shaders.js";
 import { unseenStrips } from "./unseen_strips.js";
 
@@ -24,6 +25,11 @@ const PERSON_DEPTH = 0.995;
 const UNSEEN_DEPTH = 0.996;
 const SCENE_DEPTH = 0.997;
 
+/** Places of cells among the ends of `LayerCells.order`. */
+const SOLID_PERSON = 0;
+const BLENDED_PERSON = 2;
+const SCENE = 4;
+
 /** Draws the layers behind the head. */
 export class BackgroundPass {
   /**
@@ -35,8 +41,10 @@ export class BackgroundPass {
     this.gl = gl;
     const { width, height } = mesh.camera;
     this.size = [width, height];
-    /** What a change and light make of the colours: gain, offset, and which of the programs does. */
-    this.look = { gain: 1, offset: 0, program: 0 };
+    /** What light makes of the colours: gain, offset, whether it does anything. */
+    this.look = { gain: 1, offset: 0, isLit: false };
+    /** Whether the frame has a change. */
+    this.isChanged = false;
     this.layers = [pictures.moving, ...(pictures.still ? [pictures.still] : [])];
     this.textures = this.layers.map((layer) => {
       const texture = new Texture(gl, layer.width, layer.height);
@@ -48,22 +56,32 @@ export class BackgroundPass {
     this.hasMipmaps = false;
     const { gridPx, rows, columns } = mesh;
     const coordinates = Float32Array.from(gridPx, (value, i) => (value + 0.5) / this.size[i & 1]);
-    const { solid, blended } = shownTriangles(rows, columns, coordinates, pictures.moving);
-    this.solid = solid.length;
-    this.count = solid.length + blended.length;
+    this.cells = new LayerCells(rows, columns, coordinates, pictures.moving);
+    this.changeSize = pictures.changeSize;
+    /** see `LayerCells.order` */
+    this.ends = this.cells.order(null, this.changeSize);
     this.grid = bufferOf(gl, Float32Array.from(gridPx));
-    const shown = Uint32Array.from([...solid, ...blended]);
-    this.mesh = this.#vertexArray(this.grid, bufferOf(gl, coordinates), shown);
+    this.indices = bufferOf(gl, this.cells.indices);
+    const atlas = bufferOf(gl, coordinates);
+    this.mesh = this.#vertexArray(this.grid, atlas, this.indices);
+    this.stillScene = this.#vertexArray(
+      bufferOf(gl, Float32Array.from(gridPx)),
+      atlas,
+      this.indices,
+    );
     const corners = PICTURE_CORNERS.map((corner, i) => corner * this.size[i & 1] - 0.5);
-    this.places = bufferOf(gl, Float32Array.from(corners));
     this.corners = bufferOf(gl, Float32Array.from(PICTURE_CORNERS));
-    this.scene = this.#vertexArray(this.places, this.corners, Uint32Array.from([0, 1, 2, 3]));
+    this.movedScene = this.#vertexArray(
+      bufferOf(gl, Float32Array.from(corners)),
+      this.corners,
+      bufferOf(gl, Uint32Array.from([0, 1, 2, 2, 1, 3])),
+    );
   }
 
   /**
    * @param {WebGLBuffer} places
    * @param {WebGLBuffer} coordinates
-   * @param {Uint32Array} indices
+   * @param {WebGLBuffer} indices
    */
   #vertexArray(places, coordinates, indices) {
     return programOf(this.gl, BACKGROUND[CHANGED]).vertexArray(
@@ -71,7 +89,7 @@ export class BackgroundPass {
         [places, [["position_px", 2]]],
         [coordinates, [["texture_coordinate", 2]]],
       ],
-      bufferOf(this.gl, indices),
+      indices,
     );
   }
 
@@ -83,45 +101,53 @@ export class BackgroundPass {
     const { gl } = this;
     const { gain, offset, pivot } = light ?? { gain: 1, offset: 0, pivot: 0 };
     const isLit = gain !== 1 || offset !== 0;
-    this.look = {
-      gain,
-      offset: (pivot - gain * pivot + offset) / 255,
-      program: (change ? CHANGED : 0) + (isLit ? LIT : 0),
-    };
+    this.look = { gain, offset: (pivot - gain * pivot + offset) / 255, isLit };
+    this.isChanged = change !== null;
+    this.ends = this.cells.order(change, this.changeSize);
+    writeIndices(gl, this.indices, this.cells.indices);
     if (change) this.change.write(change);
     gl.activeTexture(gl.TEXTURE1);
     this.change.use();
     gl.activeTexture(gl.TEXTURE0);
     writeBuffer(gl, this.grid, Float32Array.from(gridPx));
     gl.enable(gl.DEPTH_TEST);
-    this.#drawPerson(0, this.solid);
+    this.textures[0].use();
+    this.#drawCells(this.mesh, BACKGROUND, PERSON_DEPTH, SOLID_PERSON);
     this.drawScene(corners);
     if (this.layers.length > 1) gl.enable(gl.BLEND);
-    this.#drawPerson(this.solid, this.count);
+    this.textures[0].use();
+    this.#drawCells(this.mesh, BACKGROUND, PERSON_DEPTH, BLENDED_PERSON);
     for (const what of [gl.BLEND, gl.DEPTH_TEST]) gl.disable(what);
   }
 
   /**
-   * Draw triangles of the person.
-   * @param {number} first of their indices
-   * @param {number} end
+   * Draw cells of a layer whose texture is in use.
+   * @param {WebGLVertexArrayObject} array
+   * @param {typeof BACKGROUND} programs
+   * @param {number} depth
+   * @param {number} first of the ends of these cells: of those without a change
    */
-  #drawPerson(first, end) {
+  #drawCells(array, programs, depth, first) {
     const { gl } = this;
-    this.#use(BACKGROUND, PERSON_DEPTH);
-    this.textures[0].use();
-    gl.bindVertexArray(this.mesh);
-    gl.drawElements(gl.TRIANGLES, end - first, gl.UNSIGNED_INT, 4 * first);
+    gl.bindVertexArray(array);
+    for (const isChanged of [false, true]) {
+      const at = first + (isChanged ? 1 : 0);
+      const [start, end] = [at ? this.ends[at - 1] : 0, this.ends[at]];
+      if (start === end) continue;
+      this.#use(programs, depth, isChanged);
+      gl.drawElements(gl.TRIANGLES, end - start, gl.UNSIGNED_INT, 4 * start);
+    }
   }
 
   /**
-   * Draw layers at a depth from now on, in the change and light of the frame.
+   * Draw layers at a depth from now on, in the light of the frame.
    * @param {typeof BACKGROUND} programs
    * @param {number} depth
+   * @param {boolean} isChanged whether in its change, too
    */
-  #use(programs, depth) {
-    const { gain, offset, program: own } = this.look;
-    const program = programOf(this.gl, programs[own]);
+  #use(programs, depth, isChanged) {
+    const { gain, offset, isLit } = this.look;
+    const program = programOf(this.gl, programs[(isChanged ? CHANGED : 0) + (isLit ? LIT : 0)]);
     program.use();
     program.set("picture_px", this.size[0], this.size[1]);
     program.set("depth", depth);
@@ -138,14 +164,16 @@ export class BackgroundPass {
     const { gl } = this;
     const texture = this.textures[1];
     if (!texture) return;
-    const places = corners ?? PICTURE_CORNERS;
-    writeBuffer(gl, this.corners, Float32Array.from(places));
-    const isStill = !corners && texture.width === this.size[0];
-    this.#use(isStill ? STILL_SCENE : BACKGROUND, SCENE_DEPTH);
     texture.use();
-    gl.bindVertexArray(this.scene);
-    gl.drawElements(gl.TRIANGLE_STRIP, 4, gl.UNSIGNED_INT, 0);
-    this.#drawUnseen(texture, unseenStrips(places, this.size[0], this.size[1]));
+    if (!corners) {
+      this.#drawCells(this.stillScene, STILL_SCENE, SCENE_DEPTH, SCENE);
+      return;
+    }
+    writeBuffer(gl, this.corners, Float32Array.from(corners));
+    this.#use(BACKGROUND, SCENE_DEPTH, this.isChanged);
+    gl.bindVertexArray(this.movedScene);
+    gl.drawElements(gl.TRIANGLES, 6, gl.UNSIGNED_INT, 0);
+    this.#drawUnseen(texture, unseenStrips(corners, this.size[0], this.size[1]));
   }
 
   /**
@@ -159,11 +187,11 @@ export class BackgroundPass {
     if (this.hasMipmaps) texture.useMipmaps(true);
     else texture.setMipmaps(true);
     this.hasMipmaps = true;
-    this.#use(UNSEEN_SCENE, UNSEEN_DEPTH).set("fade", UNSEEN_FADE);
+    this.#use(UNSEEN_SCENE, UNSEEN_DEPTH, this.isChanged).set("fade", UNSEEN_FADE);
     gl.enable(gl.SCISSOR_TEST);
     for (const [left, top, width, height] of strips) {
       gl.scissor(left, this.size[1] - top - height, width, height);
-      gl.drawElements(gl.TRIANGLE_STRIP, 4, gl.UNSIGNED_INT, 0);
+      gl.drawElements(gl.TRIANGLES, 6, gl.UNSIGNED_INT, 0);
     }
     gl.disable(gl.SCISSOR_TEST);
     texture.useMipmaps(false);
@@ -173,53 +201,4 @@ export class BackgroundPass {
   close() {
     for (const texture of [...this.textures, this.change]) texture.close();
   }
-}
-
-/**
- * The triangles of a grid on which a picture has no transparency, and those with some; where it is
- * wholly transparent there are none.
- * @param {number} rows
- * @param {number} columns
- * @param {Float32Array} coordinates (rows, columns, 2) 0..1
- * @param {Bitmap} picture
- */
-function shownTriangles(rows, columns, coordinates, picture) {
-  /** @type {number[]} */
-  const solid = [];
-  /** @type {number[]} */
-  const blended = [];
-  for (let i = 0; i < rows - 1; i++) {
-    for (let j = 0; j < columns - 1; j++) {
-      const a = i * columns + j;
-      const { isSolid, isClear } = alphaWithin(picture, coordinates, a, a + columns + 1);
-      const corners = [a, a + columns, a + 1, a + 1, a + columns, a + columns + 1];
-      if (isSolid) solid.push(...corners);
-      else if (!isClear) blended.push(...corners);
-    }
-  }
-  return { solid, blended };
-}
-
-/**
- * Whether a picture is opaque, or wholly transparent, between two corners and a little beyond.
- * @param {Bitmap} picture
- * @param {Float32Array} coordinates
- * @param {number} first
- * @param {number} last
- */
-function alphaWithin({ width, height, values }, coordinates, first, last) {
-  const left = Math.max(Math.floor(coordinates[2 * first] * width) - 2, 0);
-  const top = Math.max(Math.floor(coordinates[2 * first + 1] * height) - 2, 0);
-  const right = Math.min(Math.ceil(coordinates[2 * last] * width) + 2, width);
-  const bottom = Math.min(Math.ceil(coordinates[2 * last + 1] * height) + 2, height);
-  let isSolid = true;
-  let isClear = true;
-  for (let y = top; y < bottom; y++) {
-    for (let x = left; x < right; x++) {
-      const alpha = values[4 * (y * width + x) + 3];
-      isSolid &&= alpha === 255;
-      isClear &&= alpha === 0;
-    }
-  }
-  return { isSolid, isClear };
 }

@@ -138,6 +138,18 @@ export function writeBuffer(gl, buffer, content) {
   gl.bufferSubData(gl.ARRAY_BUFFER, 0, content);
 }
 
+/**
+ * Write the indices of a buffer that vertex arrays have.
+ * @param {WebGL2RenderingContext} gl
+ * @param {WebGLBuffer} buffer
+ * @param {Uint32Array} content
+ */
+export function writeIndices(gl, buffer, content) {
+  gl.bindVertexArray(null);
+  gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);
+  gl.bufferSubData(gl.ELEMENT_ARRAY_BUFFER, 0, content);
+}
+
 /** A texture that bitmaps of one size are written to. */
 export class Texture {
   /**

@@ -1,9 +1,7 @@
+import { NO_CHANGE } from "./layer_cells.js";
 import { toByte } from "./local_colours.js";
 
 /** @typedef {{gain: number, offset: number, pivot: number}} Light */
-
-/** The grey level of a change that stands for no change. */
-const NO_CHANGE = 128;
 
 /**
  * The change of a frame as a picture (rows, columns, 4) of grey levels, 128 more than what is

@@ -88,8 +88,7 @@ export class Renderer {
  * @param {WebGL2RenderingContext} gl
  */
 export function prepareToDraw(gl) {
-  for (const shaders of [BACKGROUND[CHANGED], STILL_SCENE[CHANGED], HEAD, EDGE])
-    programOf(gl, shaders);
+  for (const shaders of [BACKGROUND[CHANGED], STILL_SCENE[0], HEAD, EDGE]) programOf(gl, shaders);
 }
 
 /**

@@ -128,10 +128,12 @@ void main() {
     colour = layer(uv, textureLod(picture, uv, 0.0));
 }`);
 
-/** The scene where each pixel has a texel of its own: software finds that much faster. */
+/** The scene where it does not move: at the pixels themselves, whatever cells it is drawn in. */
 export const STILL_SCENE = layerPrograms(`
+uniform vec2 picture_px;
 void main() {
-    colour = layer(uv, texelFetch(picture, ivec2(uv * vec2(textureSize(picture, 0))), 0));
+    vec2 at = vec2(gl_FragCoord.x, picture_px.y - gl_FragCoord.y) / picture_px;
+    colour = layer(at, textureLod(picture, at, 0.0));
 }`);
 
 /** The scene where it was never seen: as in a mirror at its edge, the more blurred the farther. */
