@@ -113,8 +113,9 @@ def scanned(browser: Browser) -> str:
     """What the QR code on the page says."""
     left, top, width, height = map(int, browser.box("#invitation svg"))
     shown = browser.screenshot()[top : top + height, left : left + width]
-    large = cv2.resize(shown, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST)
-    return cv2.QRCodeDetector().detectAndDecode(large)[0]
+    framed = cv2.copyMakeBorder(shown, 20, 20, 20, 20, cv2.BORDER_CONSTANT, value=(255, 255, 255))
+    # The other detector does not read every twentieth code.
+    return str(cv2.QRCodeDetectorAruco().detectAndDecode(framed)[0])
 
 
 def check_shared(address: str, invitation: Invitation) -> None:
