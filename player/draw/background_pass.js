@@ -58,8 +58,8 @@ export class BackgroundPass {
     const coordinates = Float32Array.from(gridPx, (value, i) => (value + 0.5) / this.size[i & 1]);
     this.cells = new LayerCells(rows, columns, coordinates, pictures.moving);
     this.changeSize = pictures.changeSize;
-    /** see `LayerCells.order` */
-    this.ends = this.cells.order(null, this.changeSize);
+    /** @type {number[]} see `LayerCells.order` */
+    this.ends = [];
     this.grid = bufferOf(gl, Float32Array.from(gridPx));
     this.indices = bufferOf(gl, this.cells.indices);
     const atlas = bufferOf(gl, coordinates);

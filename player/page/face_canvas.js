@@ -89,15 +89,26 @@ export class FaceCanvas {
   #prepare(model) {
     const key = geometryKey(model);
     if (this.geometries.has(key)) return;
+    const isAtWork = this.#unfound !== undefined;
     this.geometries.set(key, sceneGeometry(this.heads, model));
     for (const old of this.geometries.keys()) {
       if (this.geometries.size <= this.kept) break;
       this.geometries.delete(old);
     }
-    const step = () => {
-      if (this.#stepOf(key)) setTimeout(step);
-    };
-    setTimeout(step);
+    if (!isAtWork) setTimeout(() => this.#goOn());
+  }
+
+  /** The first geometry that is still being found. */
+  get #unfound() {
+    return [...this.geometries].find(([, known]) => known && "next" in known)?.[0];
+  }
+
+  /** Take a step of finding geometries, one after the other, and so on. */
+  #goOn() {
+    const key = this.#unfound;
+    if (key === undefined) return;
+    this.#stepOf(key);
+    setTimeout(() => this.#goOn());
   }
 
   /**

@@ -1,14 +1,19 @@
 // Luma and the colour differences of blue and red, of four pixels at a time.
 
 /** Weights of blue, green and red in luma. */
-export const BLUE: f32 = 0.114;
-export const GREEN: f32 = 0.587;
-export const RED: f32 = 0.299;
+const BLUE: f32 = 0.114;
+const GREEN: f32 = 0.587;
+const RED: f32 = 0.299;
+
+/** The green of four pixels of which luma, blue and red are known. */
+export function greenOf(y: v128, blue: v128, red: v128): v128 {
+  const others = f32x4.add(f32x4.mul(f32x4.splat(BLUE), blue), f32x4.mul(f32x4.splat(RED), red));
+  return f32x4.div(f32x4.sub(y, others), f32x4.splat(GREEN));
+}
 
 /** Write four pixels R, G, B float32 of which luma, blue and red are known. */
 export function writeColours(to: usize, y: v128, blue: v128, red: v128): void {
-  const others = f32x4.add(f32x4.mul(f32x4.splat(BLUE), blue), f32x4.mul(f32x4.splat(RED), red));
-  const green = f32x4.div(f32x4.sub(y, others), f32x4.splat(GREEN));
+  const green = greenOf(y, blue, red);
   const first = v128.shuffle<i32>(red, green, 0, 4, 1, 5);
   const last = v128.shuffle<i32>(red, green, 2, 6, 3, 7);
   const middle = v128.shuffle<i32>(first, last, 3, 4, 5, 3);

@@ -1,9 +1,10 @@
 // The texture of a frame: a mean and modes times their coefficients, within the colours nearby.
-import { BLUE, GREEN, RED, splitColours } from "./colours";
+import { greenOf, splitColours } from "./colours";
 import { allocate, mark, release } from "./memory";
 
-const MAX_MODES: i32 = 256;
-/** See `player/draw/texture_synthesis.js`. */
+/** Of a model, see docs/format.md. */
+const MAX_MODES: i32 = 64;
+/** See `decoder/rendering/texture_colour.py`. */
 const SLACK_GREY: f32 = 2;
 const OPAQUE: i32 = 0xff000000;
 
@@ -17,7 +18,7 @@ let coefficients: usize = 0;
 /** Addresses of the modes. */
 let places: usize = 0;
 let modes: i32 = 0;
-/** Twelve values: four texels, then their luma and colour differences. */
+/** Four texels, R, G, B each, then their luma and colour differences: 24 values. */
 let four: usize = 0;
 let start: usize = 0;
 
@@ -113,8 +114,7 @@ function within(difference: v128, bright: v128, least: v128, most: v128): v128 {
 function bytesOf(y: v128, blueLess: v128, redLess: v128): v128 {
   const blue = f32x4.add(y, blueLess);
   const red = f32x4.add(y, redLess);
-  const others = f32x4.add(f32x4.mul(f32x4.splat(BLUE), blue), f32x4.mul(f32x4.splat(RED), red));
-  const green = f32x4.div(f32x4.sub(y, others), f32x4.splat(GREEN));
+  const green = greenOf(y, blue, red);
   const bytes = v128.or(rounded(red), i32x4.shl(rounded(green), 8));
   return v128.or(v128.or(bytes, i32x4.shl(rounded(blue), 16)), i32x4.splat(OPAQUE));
 }
