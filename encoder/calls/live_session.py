@@ -27,6 +27,7 @@ from encoder.coding.model_packet import ModelBudget
 from encoder.coding.rate_control import OnlineRateController, RateTarget
 from encoder.learning.absence import AbsenceWatch
 from encoder.learning.face_sample import FaceSample
+from encoder.learning.mode_scheduler import FramePlace
 from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import Learner
 from encoder.live_model.other_face import FaceChoice
@@ -35,6 +36,10 @@ from encoder.live_model.work_level import WorkLevel
 from shared_model.arrays import Array, Picture
 from shared_model.geometry import interpolate
 from shared_model.parameters import FaceParameters
+
+# Packets of the call's first seconds wait for their modes as long as the first packet was late for
+# its frame, at most so long.
+START_S, MAX_START_DELAY_S = 2.0, 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +100,19 @@ class LiveEncoder:
             learner.encode_background,
         )
         self._model = ModelLifecycle(
-            fps, trainers, updates, stats, learner, pacing, shown or FaceChoice(), events, early
+            fps,
+            trainers,
+            updates,
+            stats,
+            learner,
+            pacing,
+            shown or FaceChoice(),
+            events,
+            clock,
+            early,
         )
         self._between, self._filler = FrameBetween(), PacketFiller(gop.frame_step)
-        self._held_frames = int(pacing.coding_delay_s * coded_fps)
+        self._coded_fps, self._late_start_s = coded_fps, 0.0
         target = RateTarget(settings.bitrate, coded_fps, gop.frames_per_packet)
         self._rate = OnlineRateController(target)
         self._coder = PacketCoder(self._rate, events.on_packet)
@@ -124,9 +138,11 @@ class LiveEncoder:
             self._delay.add(SeenFrame(index, picture, None, self._frame_begin_s, is_between=True))
         for frame in self._delay.due(index):
             self._encode(frame)
-        if not had_model:
-            return
         passed_s = self._clock() - self._frame_begin_s
+        if not had_model:
+            if self._pacing.in_real_time:
+                self._late_start_s = min(passed_s, MAX_START_DELAY_S)
+            return
         lag_s = self._overload.record_frame_time(passed_s)
         self._stats.note_frame(passed_s, lag_s, level, is_omitted)
 
@@ -170,12 +186,18 @@ class LiveEncoder:
             self._model.train_if_due(self._position)
             self._learn(index, lambda: self._model.version.mode_sample(picture, points))
 
-    def _learn(self, index: int, sample: Callable[[], FaceSample], may_start: bool = True) -> None:
+    def _learn(
+        self,
+        index: int,
+        sample: Callable[[], FaceSample] | None = None,
+        may_start: bool = True,
+        place: FramePlace | None = None,
+    ) -> None:
         """Learn modes from source frame `index`, and use those that are learned.
 
-        sample, may_start: see `ModelLifecycle.learn_modes`.
+        sample, may_start, place: see `ModelLifecycle.learn_modes`.
         """
-        if self._model.learn_modes(index, sample, may_start):
+        if self._model.learn_modes(index, sample, may_start, place):
             self._filler.mark_outdated()
 
     def _encode(self, frame: SeenFrame) -> None:
@@ -183,6 +205,8 @@ class LiveEncoder:
         if frame.is_between:
             if self._is_coded(index):
                 self._between.wait(index, picture)
+            if self._has_model and not self._pacing.learns_ahead:
+                self._learn(index)
             self._refit_waiting()
             return
         if not self._is_before_call(index):
@@ -265,7 +289,12 @@ class LiveEncoder:
             may_start = self._pacing.may_start_learning(self._is_packet_full)
             # A mode of half the resolution would blur the face.
             crop = None if level.halves_resolution else sample.crop
-            self._learn(index, lambda: version.mode_sample(picture, points, face, crop), may_start)
+            self._learn(
+                index,
+                lambda: version.mode_sample(picture, points, face, crop),
+                may_start,
+                self._place(index) if self._pacing.in_real_time else None,
+            )
         self._refit_waiting()
         self._send_full_packet()
 
@@ -323,6 +352,21 @@ class LiveEncoder:
         position, own = self._position, self._position.packet_frames(self._gop)
         has_next = not (position.is_first or self._model.switches_at(position.packet + 1))
         return own + (self._held_frames if has_next else 0)
+
+    @property
+    def _held_frames(self) -> int:
+        """How many frames a packet is coded after its last one.
+
+        At first no packet need be sooner after its frames than the first one was.
+        """
+        is_start = self._position.frame - self._first_index < START_S * self._fps
+        delay_s = max(self._pacing.coding_delay_s, self._late_start_s if is_start else 0.0)
+        return int(delay_s * self._coded_fps)
+
+    def _place(self, index: int) -> FramePlace:
+        """Where the newest frame, source frame `index`, is in its packet."""
+        step, to_last = self._gop.frame_step, self._position.frames_to_last(index, self._gop)
+        return FramePlace(to_last * step, (to_last + self._held_frames) * step)
 
     @property
     def _is_packet_full(self) -> bool:

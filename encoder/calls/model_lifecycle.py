@@ -19,7 +19,7 @@ from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.session_stats import SessionStats
 from encoder.learning.face_sample import FaceSample
 from encoder.learning.incremental_modes import LearnedMode
-from encoder.learning.mode_scheduler import ModeScheduler
+from encoder.learning.mode_scheduler import FramePlace, ModeScheduler
 from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import Learner, ModesTask, TrainingTask
 from encoder.live_model.model_schedule import ModelSchedule
@@ -40,7 +40,7 @@ class ModelLifecycle:
 
     fps: of the source.
     learner: trains updates and learns modes.
-    shown: whose face is shown.
+    shown: whose face is shown.  clock: seconds from any origin.
     early: the first version, if it was made before there was a frame to send.
     """
 
@@ -54,6 +54,7 @@ class ModelLifecycle:
         pacing: Pacing,
         shown: FaceChoice,
         events: CallEvents,
+        clock: Callable[[], float],
         early: FirstModel | None = None,
     ) -> None:
         self._fps, self._trainers, self._early = fps, trainers, early
@@ -67,6 +68,7 @@ class ModelLifecycle:
             pacing.mode_interval_s,
             pacing.mode_samples_per_s,
             self._learn,
+            clock,
             one_by_one=pacing.in_real_time,
         )
         self._states = ModelStates(events.on_state)
@@ -135,17 +137,25 @@ class ModelLifecycle:
         share = self._schedule.first_share(0 if is_hurried else self._faces)
         return self._trainers.first_model(*self._frames.sample(), share)
 
-    def learn_modes(self, index: int, sample: Callable[[], FaceSample], may_start: bool) -> bool:
+    def learn_modes(
+        self,
+        index: int,
+        sample: Callable[[], FaceSample] | None,
+        may_start: bool,
+        place: FramePlace | None = None,
+    ) -> bool:
         """Learn modes from source frame `index`, and send those that are learned.
 
-        sample: makes the frame's, with the face as the version in use has it, or without one.
+        sample: makes the frame's, with the face as the version in use has it, or without one; None:
+            the frame is not one to learn from.
         may_start: begin to learn now if it is time.
+        place: see `ModeScheduler.wants_sample`.
         Returns whether the version in use has modes that it had not.
         """
         if self._shown.is_hidden or self.is_changing_person:
             return False
         for_next = self._states.state is ModelState.SWITCHING
-        if self._modes.wants_sample(index):
+        if sample is not None and self._modes.wants_sample(index, place):
             made = sample()
             self._modes.add_sample(index, replace(made, face=None) if for_next else made)
         if not self._may_send_modes:

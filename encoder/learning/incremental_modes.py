@@ -14,7 +14,7 @@ from encoder.learning.face_sample import FaceSample
 from encoder.learning.hidden_faces import HandSuspicion
 from encoder.learning.orthogonal_residual import OrthogonalResidual
 from encoder.learning.person_model import PersonModel
-from encoder.learning.sample_fitting import sample_faces, super_resolved
+from encoder.learning.sample_fitting import sample_faces
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode, retained_energy
 from protocol.frames.frame_transform import RESERVED_MODE_GREY
 from protocol.pictures.picture_codec import (
@@ -119,10 +119,9 @@ class ModeLearner:
 
         fitted: the face in the sample.
         """
-        shape, crops, faces = self._person.shape, [sample.crop], [fitted]
-        samples = sample_faces(self._person.face, shape, crops, faces, workers=1)
-        sharp = super_resolved(shape, samples, crops, faces, workers=1)
-        colours = (sharp.colours[0] - self._mean) * sharp.visible[0][:, None]
+        shape = self._person.shape
+        sampled = sample_faces(self._person.face, shape, [sample.crop], [fitted], workers=1)
+        colours = (sampled.colours[0] - self._mean) * sampled.visible[0][:, None]
         return self._weighted(np.asarray(colours, np.float32))
 
     def _weighted(self, colours: Single) -> Single:

@@ -61,12 +61,12 @@ class Learner(Protocol):
 class LocalLearner:
     """A `Learner` in this process.
 
-    executor: trains and learns in the background; None: at once, so that the same source gives the
-        same bytes.
+    training, learning: train updates and learn modes in the background; None: at once, so that the
+        same source gives the same bytes.
     """
 
-    def __init__(self, executor: Executor | None = None) -> None:
-        self._executor = executor
+    def __init__(self, training: Executor | None = None, learning: Executor | None = None) -> None:
+        self._training, self._learning = training, learning
         self._trainer: ModelTrainer | None = None
         self._modes: _VersionModes | None = None
         self._hands = HandWatch()
@@ -83,7 +83,8 @@ class LocalLearner:
         """See `Learner`."""
         assert self._trainer is not None
         retrain = self._trainer.retrain
-        return self._submit(partial(retrain, task.share, task.pictures, task.points, task.number))
+        work = partial(retrain, task.share, task.pictures, task.points, task.number)
+        return _submit(self._training, work)
 
     def start_modes(self, version: ModelVersion, samples_per_s: float) -> None:
         """See `Learner`."""
@@ -92,19 +93,21 @@ class LocalLearner:
     def learn(self, task: ModesTask) -> "Future[list[LearnedMode]]":
         """See `Learner`."""
         assert self._modes is not None
-        return self._submit(partial(self._modes.learn, task))
+        return _submit(self._learning, partial(self._modes.learn, task))
 
     def close(self) -> None:
         """See `Learner`."""
-        if self._executor is not None:
-            self._executor.shutdown(cancel_futures=True)
+        for executor in (self._training, self._learning):
+            if executor is not None:
+                executor.shutdown(cancel_futures=True)
 
-    def _submit(self, work: Callable[[], Result]) -> "Future[Result]":
-        if self._executor is not None:
-            return self._executor.submit(work)
-        done = Future[Result]()
-        done.set_result(work())
-        return done
+
+def _submit(executor: Executor | None, work: Callable[[], Result]) -> "Future[Result]":
+    if executor is not None:
+        return executor.submit(work)
+    done = Future[Result]()
+    done.set_result(work())
+    return done
 
 
 class _VersionModes:

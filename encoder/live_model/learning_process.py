@@ -167,7 +167,8 @@ def serve(descriptor: int) -> None:
 class _Server:
     def __init__(self, stream: ObjectStream) -> None:
         self._stream, self._lock = stream, threading.Lock()
-        self._learner = LocalLearner(low_priority_executor(2))
+        # An update may come a second later, a mode must not.
+        self._learner = LocalLearner(low_priority_executor(1), ThreadPoolExecutor(1))
 
     def run(self) -> None:
         with suppress(EOFError):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from runtime.jit import jit
 from shared_model.arrays import Array
 
 LEVELS = 5
@@ -18,58 +19,95 @@ _GAIN = 1.149604398860241
 def transform(plane: Array, levels: int) -> tuple[Array, list[list[Array]]]:
     """The lowpass band, and the three detail bands of each level, the coarsest level first."""
     details: list[list[Array]] = []
-    lowpass = np.asarray(plane, dtype=np.float64)
+    lowpass = np.ascontiguousarray(plane, dtype=np.float64)
     for _ in range(levels):
-        low, high = _split(lowpass)
-        (lowpass, horizontal), (vertical, both) = _split(low.T), _split(high.T)
-        lowpass = lowpass.T
-        details.append([horizontal.T, vertical.T, both.T])
+        low, high = _split_rows(lowpass)
+        lowpass, horizontal = _split_columns(low)
+        details.append([horizontal, *_split_columns(high)])
     return lowpass, details[::-1]
 
 
 def inverse_transform(lowpass: Array, details: Sequence[Sequence[Array]]) -> Array:
     """The inverse of `transform`."""
     for horizontal, vertical, both in details:
-        lowpass = _join(_join(lowpass.T, horizontal.T).T, _join(vertical.T, both.T).T)
+        lowpass = _join_rows(_join_columns(lowpass, horizontal), _join_columns(vertical, both))
     return lowpass
 
 
-def _split(rows: Array) -> tuple[Array, Array]:
-    even, odd = rows[0::2].copy(), rows[1::2].copy()
-    if not len(odd):
-        return even, odd
-    for index, factor in enumerate(_LIFT):
-        if index % 2:
-            even += factor * (_earlier(odd, len(even)) + _later(odd, len(even)))
-        else:
-            odd += factor * (even[: len(odd)] + _next(even, len(odd)))
-    return even * _GAIN, odd / _GAIN
+@jit
+def _split_rows(plane: Array) -> tuple[Array, Array]:
+    even, odd = plane[0::2].copy(), plane[1::2].copy()
+    if len(odd):
+        for index in range(len(_LIFT)):
+            _lift_rows(even, odd, index, _LIFT[index])
+        even *= _GAIN
+        odd /= _GAIN
+    return even, odd
 
 
-def _join(low: Array, high: Array) -> Array:
+@jit
+def _split_columns(plane: Array) -> tuple[Array, Array]:
+    even, odd = plane[:, 0::2].copy(), plane[:, 1::2].copy()
+    if odd.shape[1]:
+        for row in range(len(plane)):
+            for index in range(len(_LIFT)):
+                _lift(even[row], odd[row], index, _LIFT[index])
+        even *= _GAIN
+        odd /= _GAIN
+    return even, odd
+
+
+@jit
+def _join_rows(low: Array, high: Array) -> Array:
     if not len(high):
-        return low
+        return low.copy()
     even, odd = low / _GAIN, high * _GAIN
-    for index, factor in reversed(tuple(enumerate(_LIFT))):
-        if index % 2:
-            even -= factor * (_earlier(odd, len(even)) + _later(odd, len(even)))
-        else:
-            odd -= factor * (even[: len(odd)] + _next(even, len(odd)))
-    rows = np.empty((len(even) + len(odd), even.shape[1]))
-    rows[0::2], rows[1::2] = even, odd
-    return rows
+    for index in range(len(_LIFT) - 1, -1, -1):
+        _lift_rows(even, odd, index, -_LIFT[index])
+    plane = np.empty((len(even) + len(odd), even.shape[1]))
+    plane[0::2], plane[1::2] = even, odd
+    return plane
 
 
-def _next(even: Array, count: int) -> Array:
-    """For each odd row the even row after it, mirrored at the end."""
-    return np.concatenate([even[1:], even[-1:]])[:count]
+@jit
+def _join_columns(low: Array, high: Array) -> Array:
+    if not high.shape[1]:
+        return low.copy()
+    even, odd = low / _GAIN, high * _GAIN
+    for row in range(len(low)):
+        for index in range(len(_LIFT) - 1, -1, -1):
+            _lift(even[row], odd[row], index, -_LIFT[index])
+    plane = np.empty((len(even), even.shape[1] + odd.shape[1]))
+    plane[:, 0::2], plane[:, 1::2] = even, odd
+    return plane
 
 
-def _earlier(odd: Array, count: int) -> Array:
-    """For each even row the odd row before it, mirrored at the start."""
-    return np.concatenate([odd[:1], odd])[:count]
+@jit
+def _lift_rows(even: Array, odd: Array, index: int, factor: float) -> None:
+    """Lifting step `index` down the columns: even rows change by odd ones, or the other way round.
+
+    Neighbours are mirrored at the ends.
+    """
+    last_even, last_odd = len(even) - 1, len(odd) - 1
+    if index % 2:
+        for row in range(len(even)):
+            before, after = odd[max(row - 1, 0)], odd[min(row, last_odd)]
+            for column in range(even.shape[1]):
+                even[row, column] += factor * (before[column] + after[column])
+    else:
+        for row in range(len(odd)):
+            before, after = even[row], even[min(row + 1, last_even)]
+            for column in range(odd.shape[1]):
+                odd[row, column] += factor * (before[column] + after[column])
 
 
-def _later(odd: Array, count: int) -> Array:
-    """For each even row the odd row after it, mirrored at the end."""
-    return np.concatenate([odd, odd[-1:]])[:count]
+@jit
+def _lift(even: Array, odd: Array, index: int, factor: float) -> None:
+    """The same in one row: even (n,), odd (m,)."""
+    last_even, last_odd = len(even) - 1, len(odd) - 1
+    if index % 2:
+        for k in range(len(even)):
+            even[k] += factor * (odd[max(k - 1, 0)] + odd[min(k, last_odd)])
+    else:
+        for k in range(len(odd)):
+            odd[k] += factor * (even[k] + even[min(k + 1, last_even)])

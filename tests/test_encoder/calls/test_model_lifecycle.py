@@ -52,7 +52,15 @@ def test_a_call_without_a_face_has_no_version_and_ends_once(tmp_path: Path) -> N
         updates = ModelUpdateSender(PacketSender(sink, stats), stats, gop, 25.0)
         trainers = CallTrainers(capture.format, gop, BUDGETS["live"], False, UNPACED)
         model = ModelLifecycle(
-            25.0, trainers, updates, stats, LocalLearner(), UNPACED, FaceChoice(), CallEvents()
+            25.0,
+            trainers,
+            updates,
+            stats,
+            LocalLearner(),
+            UNPACED,
+            FaceChoice(),
+            CallEvents(),
+            lambda: 0.0,
         )
         assert model.state is ModelState.SEARCHING
         with pytest.raises(ValueError, match="no face"):
