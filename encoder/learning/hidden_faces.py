@@ -3,6 +3,7 @@
 A palm search takes 6 to 15 ms: some frames are searched, and those beside one that shows a hand.
 """
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -23,8 +24,8 @@ Outlines = list[Array]
 # Hands in more than this share of the frames belong to the person, as a cheek that is leant on one.
 MAX_SHARE = 0.9
 # Seconds of a live call from one search to the next, and how many times the usual residual energy
-# is searched at once.
-SEARCH_INTERVAL_S, SUSPICIOUS_RATIO = 1.0, 1.5
+# is searched at once: the median of so many seconds.
+SEARCH_INTERVAL_S, SUSPICIOUS_RATIO, USUAL_S = 1.0, 1.5, 3.0
 
 
 class HandWatch:
@@ -100,16 +101,19 @@ class HandSuspicion:
     what is learned from a sample.
 
     The first is, one every `SEARCH_INTERVAL_S`, those that follow one with a hand, and those that
-    the model explains much worse than the ones before.
+    the model explains much worse than it has explained the others when they came.
     """
 
     def __init__(self, samples_per_s: float) -> None:
         self._interval = round(SEARCH_INTERVAL_S * samples_per_s)
         self._until_search = 0
+        self._energies = deque[float](maxlen=round(USUAL_S * samples_per_s))
 
-    def is_due(self, energies: Array) -> bool:
-        """Whether to search the newest of samples with these residual energies (t,)."""
-        if self._until_search and energies[-1] <= SUSPICIOUS_RATIO * np.median(energies):
+    def is_due(self, energy: float) -> bool:
+        """Whether to search a sample of which the model leaves this residual energy."""
+        is_unusual = bool(self._energies) and energy > SUSPICIOUS_RATIO * np.median(self._energies)
+        self._energies.append(energy)
+        if self._until_search and not is_unusual:
             self._until_search -= 1
             return False
         return True
@@ -117,6 +121,8 @@ class HandSuspicion:
     def note(self, has_hands: bool) -> None:
         """Note what a search has found."""
         self._until_search = 0 if has_hands else self._interval - 1
+        if has_hands:
+            self._energies.pop()
 
 
 def window_of(picture: Picture, points: Array) -> Crop:

@@ -94,7 +94,7 @@ class ModeLearner:
         """
         for sample in samples:
             self._add(sample, fit)
-            if hide is not None and self._suspicion.is_due(self._residual.energies):
+            if hide is not None and self._suspicion.is_due(float(self._residual.energies[-1])):
                 without_hands = hide(sample)
                 self._suspicion.note(without_hands is not sample)
                 if without_hands is not sample:

@@ -112,8 +112,8 @@ def test_samples_are_searched_now_and_then_and_where_something_is_odd() -> None:
 
     def searched(energies: list[float], has_hands: bool = False) -> list[bool]:
         done = []
-        for number in range(len(energies)):
-            done.append(suspicion.is_due(np.array(energies[: number + 1])))
+        for energy in energies:
+            done.append(suspicion.is_due(energy))
             if done[-1]:
                 suspicion.note(has_hands)
         return done
@@ -121,5 +121,6 @@ def test_samples_are_searched_now_and_then_and_where_something_is_odd() -> None:
     assert searched([1.0] * 9) == [True, False, False, False] * 2 + [True]
     assert searched([1.0, 1.4, 2.2, 1.0]) == [False, False, True, False]
     assert searched([1.0] * 3, has_hands=True) == [False, False, True]
-    # What follows upon a hand is.
+    # What follows upon a hand is, and a hand is never usual.
+    assert searched([2.0] * 12, has_hands=True) == [True] * 12
     assert searched([1.0] * 2) == [True, False]
