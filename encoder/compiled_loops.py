@@ -58,7 +58,7 @@ def _warm_up() -> None:
         cv2.imwrite(f"{folder}/0.png", _noise(rng))
         with open_source(f"{folder}/%d.png") as capture:
             gop = gop_for_fps(capture.fps, None)
-            warm_up(head_with_surround(), capture.format, gop, rng)
+            warm_up(head_with_surround(), capture.format, gop)
 
 
 def _compile_residual_loops() -> None:

@@ -109,12 +109,12 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-def low_priority_executor(workers: int) -> ThreadPoolExecutor:
+def low_priority_executor(workers: int, niceness: int = NICENESS) -> ThreadPoolExecutor:
     """A thread pool whose threads yield to all others, where the system has priorities of threads.
 
-    workers: number of threads.
+    workers: number of threads.  niceness: how much nicer than the others they are.
     """
-    return ThreadPoolExecutor(workers, initializer=_lower_priority)
+    return ThreadPoolExecutor(workers, initializer=_lower_priority, initargs=(niceness,))
 
 
 def lower_priority_of_process() -> None:
@@ -130,8 +130,8 @@ def lower_priority_of_process() -> None:
         Path("/proc/self/autogroup").write_text(str(SESSION_NICENESS), "ascii")
 
 
-def _lower_priority() -> None:
+def _lower_priority(niceness: int) -> None:
     if sys.platform == "linux":
-        nice = os.getpriority(os.PRIO_PROCESS, 0) + NICENESS
+        nice = os.getpriority(os.PRIO_PROCESS, 0) + niceness
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), nice)

@@ -84,6 +84,9 @@ class ModeScheduler:
         passed = (index - self._last_sample) / self._frames_per_sample
         if place is None:
             return passed >= 1
+        if self._job is not None and self._new_samples:
+            # The next one would delay the job that follows.
+            return False
         left, expected = place.frames_to_coding, self._expected_frames
         is_last = place.frames_to_last < LOOK_STEP or left - LOOK_STEP < expected
         is_time = self._is_first_job or (expected <= left and is_last)

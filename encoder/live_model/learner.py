@@ -6,13 +6,19 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
 
+import numpy as np
+
+from encoder.capture.video_source import VideoFormat
 from encoder.coding.background import Background, encoded_in_a_thread
+from encoder.coding.gop import GopStructure
 from encoder.learning.face_sample import FaceSample
 from encoder.learning.hidden_faces import HandWatch
 from encoder.learning.incremental_modes import LearnedMode, ModeLearner
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
+from encoder.live_model.warm_up import warm_up
 from shared_model.arrays import Array, Picture
+from shared_model.surround import head_with_surround
 
 Result = TypeVar("Result")
 
@@ -70,6 +76,12 @@ class LocalLearner:
         self._trainer: ModelTrainer | None = None
         self._modes: _VersionModes | None = None
         self._hands = HandWatch()
+
+    def warm_up(self, video: VideoFormat, gop: GopStructure) -> None:
+        """Run the work of a call from such a source once, see `warm_up`, and load the networks."""
+        warm_up(head_with_surround(), video, gop)
+        blank = np.zeros((video.height, video.width, 3), np.uint8)
+        self._hands.find(blank, np.array([(0, 0), (video.width, video.height)]))
 
     def encode_background(self, background: Background, max_bytes: int) -> "Future[bytes]":
         """See `Learner`."""

@@ -15,8 +15,6 @@ from functools import partial
 from itertools import count
 from typing import Any
 
-import numpy as np
-
 from encoder.capture.video_source import VideoFormat
 from encoder.coding.background import Background
 from encoder.coding.gop import GopStructure
@@ -36,6 +34,9 @@ from runtime.parallel import (
 from shared_model.mesh import generic_head
 from shared_model.surround import head_with_surround
 
+# An update may come half a second later, a mode must not: with 2 a mode takes a third longer while
+# an update is trained.
+TRAINING_NICENESS = 9
 # Heads are large, and both processes have them.
 SHARED = {"generic head": generic_head, "head with surround": head_with_surround}
 
@@ -66,7 +67,7 @@ class LearningProcess:
     def warm_up(self, video: VideoFormat, gop: GopStructure) -> None:
         """Warm up that process and this one for a source, see `warm_up`."""
         other = self._send_awaited("warm_up", video, gop)
-        warm_up(head_with_surround(), video, gop, np.random.default_rng(0))
+        warm_up(head_with_surround(), video, gop)
         wait([other])
 
     def encode_background(self, background: Background, max_bytes: int) -> "Future[bytes]":
@@ -167,19 +168,14 @@ def serve(descriptor: int) -> None:
 class _Server:
     def __init__(self, stream: ObjectStream) -> None:
         self._stream, self._lock = stream, threading.Lock()
-        # An update may come a second later, a mode must not.
-        self._learner = LocalLearner(low_priority_executor(1), ThreadPoolExecutor(1))
+        training = low_priority_executor(1, TRAINING_NICENESS)
+        self._learner = LocalLearner(training, ThreadPoolExecutor(1))
 
     def run(self) -> None:
         with suppress(EOFError):
             while True:
                 number, method, arguments = self._stream.receive()
-                if method == "warm_up":
-                    video, gop = arguments
-                    warm_up(head_with_surround(), video, gop, np.random.default_rng(0))
-                    result = None
-                else:
-                    result = getattr(self._learner, method)(*arguments)
+                result = getattr(self._learner, method)(*arguments)
                 if isinstance(result, Future):
                     result.add_done_callback(partial(self._answer, number))
                 else:

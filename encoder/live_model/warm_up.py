@@ -43,11 +43,11 @@ QUALITY = 10
 GREY = (120, 137)
 
 
-def warm_up(head: Head, video: VideoFormat, gop: GopStructure, rng: np.random.Generator) -> None:
+def warm_up(head: Head, video: VideoFormat, gop: GopStructure) -> None:
     """Train a model, fit and code a frame, learn a mode: on noise of the source's size, so that all
     tables that depend on the size of the face are there as well.
     """
-    width, height = video.width, video.height
+    width, height, rng = video.width, video.height, np.random.default_rng(0)
     points = frontal_landmarks(
         head, Camera(width, height, TYPICAL_FOCAL_RATIO * max(width, height))
     )
