@@ -1,4 +1,6 @@
-"""The shape-free frames of the model (thesis 2.4.2, Fig. 2.16 and 3.5): full face, inside of it."""
+"""The shape-free frames of the model (thesis 2.4.2, Fig. 2.16 and 3.5): full face, inside of it,
+and without the forehead, as a 2D AAM of 68 landmarks has it.
+"""
 
 from functools import lru_cache
 
@@ -9,12 +11,19 @@ from runtime.image_ops import hull_mask
 from shared_model.appearance import Atlas, atlas_of
 from shared_model.mesh import PARTS, generic_head
 
-FRAMES = ("full", "inside")
 # Convex hull of the inside-face frame: above the brows, beside the eyes, below the lower lip.
 _INSIDE = (
     *(63, 105, 66, 107, 336, 296, 334, 293, 70, 300),
     *(35, 265, 111, 340, 50, 280, 207, 427, 212, 432, 194, 418, 200),
 )
+# Jaw and brows of iBUG's scheme, whose other landmarks they enclose.
+_JAW_AND_BROWS = (
+    *(162, 234, 93, 58, 172, 136, 149, 148, 152, 377, 378, 365, 397, 288, 323, 454, 389),
+    *(70, 63, 105, 66, 107, 336, 296, 334, 293, 300),
+)
+# The convex hulls of these landmarks, by frame.
+_OUTLINES = {"full": FACE_OVAL, "inside": _INSIDE, "landmarks": _JAW_AND_BROWS}
+FRAMES = tuple(_OUTLINES)
 _PARTS = ("skin", "eye_left", "eye_right")
 
 
@@ -28,7 +37,7 @@ def texture_frame(size: int, frame: str) -> Atlas:
         raise ValueError(f"frame is {frame!r}, expected one of {FRAMES}")
     head = generic_head()
     atlas = atlas_of(head, size)
-    outline = list(FACE_OVAL if frame == "full" else _INSIDE)
+    outline = list(_OUTLINES[frame])
     corners = head.triangles[head.network_triangles[outline]]
     points = np.einsum(
         "mc,mcd->md", head.network_weights[outline], head.texture_coordinates[corners]

@@ -12,7 +12,15 @@ from aam.training.train import train as train_model
 from benchmarks.validate_aam import tables
 from benchmarks.validate_aam.asked import Asked, Part, asked_rows, joined, verdict
 from benchmarks.validate_aam.contenders import Contender, train_head, train_planar
-from benchmarks.validate_aam.first_frames import FirstFrames, TruePicture, first_frames
+from benchmarks.validate_aam.first_frames import (
+    WAYS,
+    FirstFrames,
+    Found,
+    TruePicture,
+    find_first_frames,
+    judged_frames,
+    landmark_offsets,
+)
 from benchmarks.validate_aam.model_parts import model_part, prediction_part
 from benchmarks.validate_aam.samples import Sample, split_people
 from benchmarks.validate_aam.search_experiments import generalisation
@@ -143,21 +151,31 @@ def first_frame_part(
     train: Sequence[Sample], truth: Sequence[TruePicture], options: TrainingOptions
 ) -> Part:
     """Shares of first frames fitted right; each half of the people by a model of the other half."""
-    results: dict[tuple[str, str], list[FirstFrames]] = {}
+    found: dict[str, list[tuple[list[TruePicture], Mapping[str, Found]]]] = {}
     for samples, pictures in zip(*folds(train, truth), strict=True):
         model = train_model([each.face for each in samples], options)
         for folder in sorted({each.folder for each in pictures}):
             own = [each for each in pictures if each.folder == folder]
-            for way, found in first_frames(model, own).items():
-                results.setdefault((folder, way), []).append(found)
+            found.setdefault(folder, []).append((own, find_first_frames(model, own)))
+    results: dict[tuple[str, str], list[FirstFrames]] = {}
+    for folder, halves in found.items():
+        for own, by_way in halves:
+            # By the offsets that the other half of the people shows.
+            others = [each for each in halves if each[0] is not own]
+            network = [points for _, ways in others for points in ways[WAYS[0]]]
+            offsets = landmark_offsets(network, [each for half, _ in others for each in half])
+            for way, frames in judged_frames(by_way, own, offsets).items():
+                results.setdefault((folder, way), []).append(frames)
     rows, right = [], dict[str, dict[str, float]]()
     for folder, way in sorted(results):
-        halves = results[folder, way]
+        parts = results[folder, way]
         each = FirstFrames(
-            np.concatenate([half.nme for half in halves]),
-            np.concatenate([half.nme_shifted for half in halves]),
+            np.concatenate([half.nme for half in parts]),
+            np.concatenate([half.nme_shifted for half in parts]),
+            np.concatenate([half.nme_offset for half in parts]),
         )
-        shares = [f"{100 * share:.1f}" for share in (each.found, each.right, each.right_shifted)]
+        right_shares = (each.right, each.right_shifted, each.right_offset)
+        shares = [f"{100 * share:.1f}" for share in (each.found, *right_shares)]
         right.setdefault(way, {})[folder] = 100 * each.right
         rows.append([folder, way, len(each.nme), *shares, f"{100 * np.median(each.nme):.2f}"])
     head = [
@@ -167,6 +185,7 @@ def first_frame_part(
         "found, %",
         "below 5 %, %",
         "below 5 % of moved truth, %",
+        "below 5 %, each landmark of truth moved, %",
         "median distance, %",
     ]
     asked = [_asked_frames(way, shares) for way, shares in right.items()]

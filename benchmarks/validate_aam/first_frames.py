@@ -18,13 +18,15 @@ from aam.annotation.model_landmarks import ModelLandmarks
 from aam.annotation.still_fit import fit_still
 from aam.model import MultiResolutionModel
 from benchmarks.validate_aam.weighted_search import weighted_landmarks
-from encoder.detection.landmark_indices import FACE_OVAL, OUTER_EYE_CORNERS
+from encoder.detection.landmark_indices import FACE_OVAL, LANDMARK_COUNT, OUTER_EYE_CORNERS
 from runtime.parallel import parallel_map
 from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
 
 RIGHT_NME = 0.05
+# Landmarks (468, 2 or 3) of each picture, pixels; None: no face.
+Found = Sequence[Array | None]
 WAYS = ("network", "network + AAM", "Viola-Jones + AAM")
 
 
@@ -48,11 +50,15 @@ class FirstFrames:
     """nme: mean distance of the known landmarks in terms of the outer corners of the eyes, of each
     picture; infinite where no face was found.
     nme_shifted: the same where all truth is moved by one shift, pixels, the median of what the
-    network finds: what is left where the truth's pixels are counted from elsewhere.
+        network finds: what is left where the truth's pixels are counted from elsewhere.
+    nme_offset: the same where each landmark of the truth is moved by what the network finds in the
+        mean of other people, see `landmark_offsets`: what is left where the truth means other
+        points by the same names.
     """
 
     nme: Array
     nme_shifted: Array
+    nme_offset: Array
 
     @property
     def found(self) -> float:
@@ -68,6 +74,11 @@ class FirstFrames:
     def right_shifted(self) -> float:
         """The same with the truth moved, see above."""
         return float((self.nme_shifted < RIGHT_NME).mean())
+
+    @property
+    def right_offset(self) -> float:
+        """The same with each landmark of the truth moved, see above."""
+        return float((self.nme_offset < RIGHT_NME).mean())
 
 
 def read_true_pictures(folders: Sequence[Path]) -> list[TruePicture]:
@@ -90,10 +101,10 @@ def read_true_pictures(folders: Sequence[Path]) -> list[TruePicture]:
     return found
 
 
-def first_frames(
+def find_first_frames(
     model: MultiResolutionModel, pictures: Sequence[TruePicture]
-) -> Mapping[str, FirstFrames]:
-    """Each of `WAYS` in each picture.  Raises `UserError` if the networks are not installed."""
+) -> dict[str, Found]:
+    """The landmarks by each of `WAYS`.  Raises `UserError` if the networks are not installed."""
     network, without = StillLandmarks(), ModelLandmarks(model)
     points = [network.find(each.picture) for each in pictures]
 
@@ -105,30 +116,64 @@ def first_frames(
         fit = fit_still(generic_head(), size, from_search(found))
         return weighted_landmarks(model, picture, found, fit.pose, fit.shape)
 
-    by_way = {
+    return {
         WAYS[0]: points,
         WAYS[1]: parallel_map(searched, range(len(pictures)), None),
         WAYS[2]: [without.find(each.picture) for each in pictures],
     }
-    shift = common_shift(points, pictures)
+
+
+def judged_frames(
+    found: Mapping[str, Found], pictures: Sequence[TruePicture], offsets: Array
+) -> dict[str, FirstFrames]:
+    """What `find_first_frames` found against the truth.
+
+    offsets: (468, 2) of other people, see `landmark_offsets`.
+    """
+    shift, along = common_shift(found[WAYS[0]], pictures), [_eye_line(each) for each in pictures]
+    moves = (
+        [np.zeros(2)] * len(pictures),
+        [shift] * len(pictures),
+        [offsets @ line for line in along],
+    )
     return {
-        way: FirstFrames(*(_distances(found, pictures, by) for by in (np.zeros(2), shift)))
-        for way, found in by_way.items()
+        way: FirstFrames(*(_distances(points, pictures, each) for each in moves))
+        for way, points in found.items()
     }
 
 
-def common_shift(found: Sequence[Array | None], pictures: Sequence[TruePicture]) -> Array:
+def landmark_offsets(found: Found, pictures: Sequence[TruePicture]) -> Array:
+    """(468, 2) mean of found less true place of each landmark, along the line of the eyes and
+    across it, in terms of the outer corners' distance; 0 where the truth has no landmark.
+    """
+    moved = [
+        (a[:, :2] - b.landmarks) @ np.linalg.inv(_eye_line(b))
+        for a, b in zip(found, pictures, strict=True)
+        if a is not None
+    ]
+    if not moved:
+        return np.zeros((LANDMARK_COUNT, 2))
+    known = np.isfinite(moved)
+    return np.asarray(np.nan_to_num(moved).sum(0) / np.maximum(known.sum(0), 1))
+
+
+def common_shift(found: Found, pictures: Sequence[TruePicture]) -> Array:
     """(2,) median of found less true landmarks over all pictures, pixels."""
     shifts = [a[:, :2] - b.landmarks for a, b in zip(found, pictures, strict=True) if a is not None]
     return np.asarray(np.nanmedian(np.concatenate(shifts), axis=0)) if shifts else np.zeros(2)
 
 
-def _distances(
-    found: Sequence[Array | None], pictures: Sequence[TruePicture], shift: Array
-) -> Array:
-    """(n,) `FirstFrames.nme` with the truth moved by a shift (2,), pixels."""
-    pairs = zip(found, pictures, strict=True)
-    return np.array([_nme(a, replace(b, landmarks=b.landmarks + shift)) for a, b in pairs])
+def _distances(found: Found, pictures: Sequence[TruePicture], moves: Sequence[Array]) -> Array:
+    """(n,) `FirstFrames.nme` with the truth moved, each picture's by (2,) or (468, 2), pixels."""
+    triples = zip(found, pictures, moves, strict=True)
+    return np.array([_nme(a, replace(b, landmarks=b.landmarks + c)) for a, b, c in triples])
+
+
+def _eye_line(picture: TruePicture) -> Array:
+    """(2, 2) rows: from the outer corner of one eye to that of the other, pixels, and across."""
+    right, left = (picture.landmarks[index] for index in OUTER_EYE_CORNERS)
+    x, y = left - right
+    return np.array([[x, y], [-y, x]])
 
 
 def _nme(found: Array | None, picture: TruePicture) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 
 from aam.model import texture_at
 from aam.training.train import combined_model
+from aam.warps import head_warp
 from aam.weak_pose import euler_angles_deg
 from benchmarks.validate_aam.contenders import Contender
 from benchmarks.validate_aam.planar_warp import PLANAR_LANDMARKS, similarity
@@ -26,6 +27,12 @@ def mode_counts(contender: Contender, samples: Sequence[Sample]) -> tuple[int, i
     options = replace(contender.options, mirror=False)
     model, _ = combined_model(contender.prepared(samples, level), contender.warps[level], options)
     return tuple(len(each.variances) for each in (model.shape, model.texture, model.combined))  # type: ignore[return-value]
+
+
+def without_forehead(contender: Contender) -> Contender:
+    """The AAM of the head on the part of the face that the 2D AAM has."""
+    warps = tuple(head_warp(warp.size, "landmarks") for warp in contender.warps)
+    return replace(contender, warps=warps)
 
 
 def is_near_frontal(sample: Sample) -> bool:

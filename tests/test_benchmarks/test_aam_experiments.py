@@ -9,6 +9,7 @@ from aam_faces import synthetic_faces
 
 from aam.search.search import METHODS, SearchOptions
 from aam.shape_space import SHAPE_COUNT
+from aam.texture_frame import texture_frame
 from aam.training.train import TrainingOptions
 from aam.warps import head_warp
 from benchmarks.validate_aam import tables
@@ -28,7 +29,13 @@ from benchmarks.validate_aam.experiments import (
     run_experiments,
     training_part,
 )
-from benchmarks.validate_aam.first_frames import FirstFrames, TruePicture, common_shift
+from benchmarks.validate_aam.first_frames import (
+    FirstFrames,
+    TruePicture,
+    common_shift,
+    judged_frames,
+    landmark_offsets,
+)
 from benchmarks.validate_aam.model_parts import model_part, prediction_part
 from benchmarks.validate_aam.planar_warp import (
     MIRRORED,
@@ -57,6 +64,7 @@ from benchmarks.validate_aam.units.action_units import (
 )
 from benchmarks.validate_aam.units.expressed_faces import EXPRESSIONS, with_units
 from benchmarks.validate_aam.units.outcomes import found_units, judged_units
+from encoder.detection.landmark_indices import OUTER_EYE_CORNERS
 from risorius.track_bench.unit_scores import area_under_curve
 from shared_model.arrays import Array
 
@@ -214,8 +222,16 @@ def test_prediction_and_modes_of_both_are_told(pair: dict[str, Contender]) -> No
     model = model_part(pair, TRAIN, TEST, 1)
     assert "9, 81, 33" in model.text and "specificity" in model.text
     assert len(model.asked) == 3 and all(" against " in each.reached for each in model.asked)
+    assert "without the forehead" in model.asked[0].reached
     assert list(model.files) == ["variance_head.svg", "variance_2D.svg"]
     assert all("combined" in str(chart) for chart in model.files.values())
+
+
+def test_the_frame_without_forehead_is_the_full_one_from_the_brows_down() -> None:
+    full, lower = (texture_frame(64, frame) for frame in ("full", "landmarks"))
+    inside, whole = (set(zip(each.rows, each.columns, strict=True)) for each in (lower, full))
+    assert inside < whole
+    assert lower.rows.min() > full.rows.min() and lower.rows.max() == full.rows.max()
 
 
 def test_residual_modes_take_in_what_ae_shapes_leave_of_the_landmarks(
@@ -275,8 +291,9 @@ def test_own_neutral_faces_are_those_of_other_pictures_where_there_are_any() -> 
 
 def test_first_frames_without_a_face_are_not_right() -> None:
     nme = np.array([0.01, 0.049, 0.06, np.inf])
-    frames = FirstFrames(nme, nme - 0.02)
-    assert (frames.found, frames.right, frames.right_shifted) == (0.75, 0.5, 0.75)
+    frames = FirstFrames(nme, nme - 0.02, nme - 0.05)
+    assert (frames.found, frames.right) == (0.75, 0.5)
+    assert (frames.right_shifted, frames.right_offset) == (0.75, 0.75)
 
 
 def test_the_shift_that_all_truth_has_in_common_is_found_among_outliers() -> None:
@@ -291,6 +308,28 @@ def test_the_shift_that_all_truth_has_in_common_is_found_among_outliers() -> Non
     found[0], found[1] = None, np.zeros((468, 3))
     np.testing.assert_allclose(common_shift(found, truth), [1.5, -2], atol=0.1)
     assert (common_shift([None], truth[:1]) == 0).all()
+
+
+def test_landmarks_that_truth_has_elsewhere_in_everybody_are_moved_along_the_face() -> None:
+    random, empty = np.random.default_rng(4), np.zeros((4, 4, 3), np.uint8)
+    meant = random.normal(0, 0.1, (468, 2))
+    meant[list(OUTER_EYE_CORNERS)] = 0
+    truth, found = list[TruePicture](), list[Array | None]()
+    for number, turn in enumerate(random.uniform(-0.5, 0.5, 8)):
+        across = random.uniform(40, 80) * np.array([np.cos(turn), np.sin(turn)])
+        line = np.array([across, [-across[1], across[0]]])
+        points = random.uniform(0, 100, (468, 2))
+        right, left = OUTER_EYE_CORNERS
+        points[left] = points[right] + across
+        points[7] = np.nan
+        truth.append(TruePicture("set", str(number), empty, points))
+        found.append(points + meant @ line)
+    offsets = landmark_offsets([*found[:4], None], truth[:5])
+    known = np.arange(468) != 7
+    np.testing.assert_allclose(offsets[known], meant[known], atol=1e-9)
+    assert (offsets[7] == 0).all() and (landmark_offsets([None], truth[:1]) == 0).all()
+    frames = judged_frames({"network": found[4:]}, truth[4:], offsets)["network"]
+    assert (frames.nme > 0.05).all() and (frames.nme_offset < 1e-9).all()
 
 
 def test_first_frames_are_judged_once_by_a_model_without_their_people() -> None:
