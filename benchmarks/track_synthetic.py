@@ -20,7 +20,7 @@ from encoder.capture.video_source import open_source
 from encoder.thesis.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, open_tracker
 from loopback.report import write_report
 from loopback.report_page import chart, environment, page, plotly_graphs
-from risorius.animation.animate import AnimateOptions, animate
+from risorius.animation.animate import animate
 from risorius.statistical_model import expression_search, landmark_source
 from shared_model.arrays import Array, Picture
 from shared_model.geometry import euler_deg
@@ -160,7 +160,7 @@ def render_sequence(script: Path, call: Path, out: Path) -> tuple[Path, dict[str
     """The sequence of one call, rendered unless it is newer than its script, and its truth."""
     video = out / f"{call.stem}.mkv"
     if not video.exists() or video.stat().st_mtime_ns < script.stat().st_mtime_ns:
-        animate(AnimateOptions(script, video, call_file=call), lambda *_: None, lambda: False)
+        animate(script, video, lambda *_: None, lambda: False, call)
     return video, json.loads(video.with_suffix(".json").read_text())
 
 

@@ -6,8 +6,7 @@ from typing import BinaryIO
 
 from encoder.residual.draw_call import DrawCall
 from encoder.thesis.trackers import TrackingOptions
-from protocol.link.interface import CONNECT_TIMEOUT_S
-from protocol.security.link_security import LinkSecurity
+from protocol.link.interface import LinkOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,9 +16,7 @@ class EncodeOptions:
     source: video file, image pattern (frame_%04d.png), camera index or URL.
     output: call file, or an open stream for its bytes.
     monitor: an open stream that gets the call as well, to look at what is sent; None: none.
-    connect, listen: endpoints (HOST:PORT, tcp/HOST:PORT); call: name of the call there.
-    security: what protects the call over the network.
-    lossless: over the network no packet is dropped, however slow: for measurements, not live calls.
+    link: over which network it is sent, where there is no output.
     tracking: how the thesis profile tracks the face.
     profile: "thesis" or "default".
     texture_modes: of a recorded call in the thesis profile, at most so many appearance modes of the
@@ -35,9 +32,7 @@ class EncodeOptions:
     delay_s: a live call codes each frame this long after it has been seen, with what was learned
         from those after it.
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
-    connect_timeout_s: time limit for connecting.
-    wait_for_peer_s: wait this long for a decoder before the first frame, beginning with the link;
-        0: wait only until the link is made, for `connect_timeout_s`.
+    wait_for_peer_s: wait this long for a decoder before the first frame; 0: do not wait.
     look_for_face_s: warn if there is no face after this many seconds of video.
     model_bytes: approximate size of the model packet; None: the profile's usual one.
     draw: draws the call that is encoded, to code what its pictures lack (default profile, recorded,
@@ -49,11 +44,7 @@ class EncodeOptions:
     source: str
     output: Path | BinaryIO | None = None
     monitor: BinaryIO | None = None
-    connect: tuple[str, ...] = ()
-    listen: tuple[str, ...] = ()
-    call: str = "call"
-    security: LinkSecurity = field(default_factory=LinkSecurity)
-    lossless: bool = False
+    link: LinkOptions | None = None
     profile: str = "default"
     texture_modes: int = 0
     bitrate: float = 800.0
@@ -66,7 +57,6 @@ class EncodeOptions:
     tracking: TrackingOptions = field(default_factory=TrackingOptions)
     pace: bool = False
     max_frames: int | None = None
-    connect_timeout_s: float = CONNECT_TIMEOUT_S
     wait_for_peer_s: float = 0.0
     look_for_face_s: float = 10.0
     model_bytes: int | None = None

@@ -7,13 +7,7 @@ from typing import BinaryIO
 from encoder.options import EncodeOptions
 from protocol.call_file import CallStreamWriter, CallWriter
 from protocol.link.carriers import open_link_sink
-from protocol.link.interface import (
-    LinkOptions,
-    LinkQuality,
-    MessageCallback,
-    PacketSink,
-    Reachability,
-)
+from protocol.link.interface import LinkQuality, MessageCallback, PacketSink, Reachability
 
 
 def open_packet_sink(
@@ -35,16 +29,9 @@ def _open_packet_sink(
         return stack.enter_context(CallWriter(options.output))
     if options.output is not None:
         return stack.enter_context(CallStreamWriter(options.output))
-    link = LinkOptions(
-        options.call,
-        options.listen,
-        options.connect,
-        options.wait_for_peer_s or options.connect_timeout_s,
-        options.lossless,
-        security=options.security,
-        rate_bps=options.startup_bitrate,
-    )
-    return stack.enter_context(open_link_sink(link, on_message))
+    if options.link is None:
+        raise ValueError("options have neither output nor link, expected one of them")
+    return stack.enter_context(open_link_sink(options.link, on_message))
 
 
 class ForwardingSink(PacketSink):

@@ -373,7 +373,8 @@ def _pacer(run: EncodeRun, sink: PacketSink) -> LayerPacer | None:
     options, gop = run.options, run.gop
     packets_per_s = float(gop.coded_fps(run.capture.fps)) / gop.frames_per_packet
     # A lossless call waits for the link, whatever that carries.
-    link_bps = None if options.lossless else sink.quality.rate_bps
+    is_lossless = options.link is not None and options.link.lossless
+    link_bps = None if is_lossless else sink.quality.rate_bps
     limit_bps = options.startup_bitrate
     rate_bps = startup_rate(link_bps, limit_bps, options.bitrate, packets_per_s)
     if rate_bps is None:

@@ -1,7 +1,6 @@
 """The pictures of a call, as a program takes them."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, Self
 
@@ -10,6 +9,7 @@ from decoder.playout.call_source import CallSource
 from protocol.endpoint import parse_endpoint
 from protocol.errors import ProtocolError
 from protocol.limits import DEFAULT_CALL
+from protocol.link.interface import LinkOptions
 from protocol.security.invitation import parse_invitation
 from protocol.security.link_security import LinkSecurity
 from shared_model.arrays import Picture
@@ -69,17 +69,18 @@ def open_call(
     if source is not None and (named := [name for name, value in link.items() if value]):
         raise UserError(f"{named[0]} does not go with a call file; leave out {named[0]}")
     path = Path(source) if isinstance(source, str) else source
-    options = CallSource(path, listen, connect, call or DEFAULT_CALL, face=face)
-    return Call(_protected(options, call, invite, insecure))
+    place = None if path is not None else _link(listen, connect, call, invite, insecure)
+    return Call(CallSource(path, place, face))
 
 
-def _protected(
-    options: CallSource, call: str | None, invite: str | None, insecure: bool
-) -> CallSource:
-    """The options with name, key and, if none is given, place of the invitation.
-
-    call: the name that was asked for.
-    """
+def _link(
+    listen: tuple[str, ...],
+    connect: tuple[str, ...],
+    call: str | None,
+    invite: str | None,
+    insecure: bool,
+) -> LinkOptions:
+    """The link, with name, key and, if none is given, place of the invitation."""
     if invite is not None:
         try:
             invitation = parse_invitation(invite)
@@ -87,10 +88,11 @@ def _protected(
             raise UserError(str(error)) from error
         if call not in (None, invitation.call):
             raise UserError(f"the invitation is to call {invitation.call!r}; leave out call")
-        if not options.listen and not options.connect:
-            options = replace(options, connect=(invitation.address,))
-        return replace(options, call=invitation.call, security=LinkSecurity(invitation.key))
-    places = map(parse_endpoint, options.listen + options.connect)
+        if not listen and not connect:
+            connect = (invitation.address,)
+        security = LinkSecurity(invitation.key)
+        return LinkOptions(invitation.call, listen, connect, security=security)
+    places = map(parse_endpoint, listen + connect)
     if not insecure and not all(place.is_loopback for place in places):
         raise UserError("no invitation to this call: give invite, or insecure=True")
-    return options
+    return LinkOptions(call or DEFAULT_CALL, listen, connect)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from encoder.capture.face_crop import Crop
-from risorius.animation.animate import AnimateOptions, AnimateReport, animate
+from risorius.animation.animate import AnimateReport, animate
 from shared_model.animate import Face, Identity
 from shared_model.arrays import Array, Picture
 from shared_model.geometry import Camera
@@ -80,7 +80,7 @@ def draw(output: Path, script: str) -> AnimateReport:
     """Draw a script into a video or a pattern of images; write the script to the same folder."""
     path = output.with_name("script.toml")
     path.write_text(script)
-    return animate(AnimateOptions(path, output), lambda done, total: None, lambda: False)
+    return animate(path, output, lambda done, total: None, lambda: False)
 
 
 def draw_shots(folder: Path, script: str = SCRIPT) -> Shots:

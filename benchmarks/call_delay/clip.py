@@ -8,7 +8,7 @@ import numpy as np
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
-from risorius.animation.animate import AnimateOptions, animate
+from risorius.animation.animate import animate
 from shared_model.arrays import Array
 
 FPS, RATE_HZ = 25, 16000
@@ -42,7 +42,7 @@ def write_clip(folder: Path) -> Path:
     script = folder / "clock.toml"
     script.write_text(_script())
     silent, path = folder / "silent.mkv", folder / "clock.mkv"
-    animate(AnimateOptions(script, silent), lambda done, total: None, lambda: False)
+    animate(script, silent, lambda done, total: None, lambda: False)
     time_s = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
     buzz = sum(np.sin(2 * np.pi * 120 * k * time_s) / k for k in range(1, 30))
     sound = np.asarray(6000 * buzz * is_open(time_s), np.int16)

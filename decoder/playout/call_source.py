@@ -1,13 +1,12 @@
 """Where the packets of a call come from."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 from protocol.call_file import CallReader
 from protocol.link.carriers import open_link_source
-from protocol.link.interface import CONNECT_TIMEOUT_S, LinkOptions, MessageCallback, PacketSource
-from protocol.security.link_security import LinkSecurity
+from protocol.link.interface import LinkOptions, MessageCallback, PacketSource
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,19 +14,13 @@ class CallSource:
     """The source of a call, and the person that is drawn.
 
     call_file: a recorded call, or an open stream of one; None: over the network.
-    listen, connect: endpoints (HOST:PORT, tcp/HOST:PORT); call: name of the call.
-    security: what protects the call over the network.
-    connect_timeout_s: time limit for connecting.
+    link: the network that it comes over, where there is no call file.
     face: call file whose person is drawn instead; None: the call's own.
     """
 
     call_file: Path | BinaryIO | None = None
-    listen: tuple[str, ...] = ()
-    connect: tuple[str, ...] = ()
-    call: str = "call"
-    connect_timeout_s: float = CONNECT_TIMEOUT_S
+    link: LinkOptions | None = None
     face: Path | None = None
-    security: LinkSecurity = field(default_factory=LinkSecurity)
 
 
 def open_packet_source(options: CallSource, on_message: MessageCallback) -> PacketSource:
@@ -37,20 +30,15 @@ def open_packet_source(options: CallSource, on_message: MessageCallback) -> Pack
     """
     if options.call_file is not None:
         return CallReader(options.call_file)
-    link = LinkOptions(
-        options.call,
-        options.listen,
-        options.connect,
-        options.connect_timeout_s,
-        security=options.security,
-    )
-    return open_link_source(link, on_message)
+    if options.link is None:
+        raise ValueError("options have neither call file nor link, expected one of them")
+    return open_link_source(options.link, on_message)
 
 
 def call_name(options: CallSource) -> str:
     """The name of the call in messages."""
-    if options.call_file is None:
-        return f"call {options.call}"
+    if options.link is not None:
+        return f"call {options.link.call}"
     if isinstance(options.call_file, Path):
         return str(options.call_file)
     return "the call in the stream"

@@ -57,20 +57,6 @@ SIDE_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class AnimateOptions:
-    """What to draw and where to put it.
-
-    script: the TOML file.  output: video or image pattern.  call_file: whose face; None: the
-    generic head.  truth: JSON file of the ground truth; None: next to the output.
-    """
-
-    script: Path
-    output: Path
-    call_file: Path | None = None
-    truth: Path | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class AnimateReport:
     """What was written: number of pictures, and the two files.
 
@@ -102,17 +88,29 @@ class Actor(Protocol):
         """Free the renderer."""
 
 
-def animate(options: AnimateOptions, progress: Progress, stop: Callable[[], bool]) -> AnimateReport:
-    """Draw the script to its end, or until `stop`.  Raises `UserError` if it cannot."""
-    script = read_script(options.script)
-    truth = options.truth or _default_truth_path(options.output)
+def animate(
+    script_file: Path,
+    output: Path,
+    progress: Progress,
+    stop: Callable[[], bool],
+    call_file: Path | None = None,
+    truth: Path | None = None,
+) -> AnimateReport:
+    """Draw a script, a TOML file, to its end, or until `stop`.
+
+    output: video or image pattern.  call_file: whose face; None: the generic head.
+    truth: JSON file of the ground truth; None: next to the output.
+    Raises `UserError` if it cannot be read, drawn or written.
+    """
+    script = read_script(script_file)
+    truth = truth or _default_truth_path(output)
     frames: list[dict[str, Any]] = []
     with ExitStack() as stack:
-        actor = open_actor(script, options.call_file)
+        actor = open_actor(script, call_file)
         stack.callback(actor.close)
         camera = actor.geometry(script.at(0)).camera
         size = camera.width, camera.height
-        sink = stack.enter_context(open_sink(options.output, *size, script.fps))
+        sink = stack.enter_context(open_sink(output, *size, script.fps))
         random = np.random.default_rng(script.seed)
         for index in range(script.frames):
             if stop():
@@ -123,11 +121,11 @@ def animate(options: AnimateOptions, progress: Progress, stop: Callable[[], bool
             sink.write(degrade(actor.draw(state, geometry), script, state, random))
             frames.append(frame_truth(time_s, state, geometry, actor.head))
             progress(len(frames), script.frames)
-    who = options.call_file.name if options.call_file else None
-    names = {"script": options.script.name, "call": who, "video": options.output.name}
+    who = call_file.name if call_file else None
+    names = {"script": script_file.name, "call": who, "video": output.name}
     write_truth(truth, {**names, **script_truth(script, camera)}, frames)
-    unused = () if options.call_file is None else unused_settings(script)
-    return AnimateReport(len(frames), options.output, truth, unused)
+    unused = () if call_file is None else unused_settings(script)
+    return AnimateReport(len(frames), output, truth, unused)
 
 
 def unused_settings(script: Script) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from protocol.endpoint import (
 from protocol.errors import ProtocolError
 from protocol.limits import CALL_NAME, CALL_NAME_RULE, DEFAULT_CALL
 from protocol.link.endpoints import check_listening
+from protocol.link.interface import CONNECT_TIMEOUT_S, LinkOptions
 from protocol.security.invitation import Invitation, parse_invitation, random_key
 from protocol.security.link_security import KeyFile, LinkSecurity
 from risorius.command_line.local_network import find_call
@@ -35,16 +36,6 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class CallLink:
-    """Endpoints as the user named them, the call's name, and what protects it."""
-
-    listen: tuple[str, ...]
-    connect: tuple[str, ...]
-    call: str
-    security: LinkSecurity
-
-
-@dataclass(frozen=True, slots=True)
 class LinkRequest:
     """What the user says of a link, see `add_link`.  quiet: nothing is printed of it."""
 
@@ -56,9 +47,6 @@ class LinkRequest:
     keys: Path | None = None
     call: str | None = None
     quiet: bool = False
-
-
-NO_LINK = CallLink((), (), DEFAULT_CALL, LinkSecurity())
 
 
 def add_link(parser: argparse.ArgumentParser, where: argparse._MutuallyExclusiveGroup) -> None:
@@ -143,12 +131,13 @@ def link_request(arguments: argparse.Namespace) -> LinkRequest:
     )
 
 
-def read_link(request: LinkRequest, is_encoder: bool, wait_s: float) -> CallLink:
+def read_link(request: LinkRequest, is_encoder: bool, wait_s: float) -> LinkOptions:
     """Endpoints, name and keys of the call that is asked for.
 
     Prints the invitation, if there is a new one, or that the call is not encrypted.  A call of
-    which only the name is known is looked for on the local network, for `wait_s`; 0: for a time
-    that is usual.  Raises `UserError` if something is missing, or does not go together.
+    which only the name is known is looked for on the local network.
+    wait_s: time limit for that, and for connecting; 0: the usual ones.
+    Raises `UserError` if something is missing, or does not go together.
     """
     tell = _ignore if request.quiet else say
     check_call_name(request.call)
@@ -170,7 +159,9 @@ def read_link(request: LinkRequest, is_encoder: bool, wait_s: float) -> CallLink
         tell(f"this call is not encrypted: {_why_open(request)}")
     key = None if invitation is None else invitation.key
     security = LinkSecurity(key, _key_file(request.keys), trusts_network=is_looked_for)
-    return CallLink(request.listen, connect, name, security)
+    return LinkOptions(
+        name, request.listen, connect, wait_s or CONNECT_TIMEOUT_S, security=security
+    )
 
 
 def check_call_name(name: str | None) -> None:

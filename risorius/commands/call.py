@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 from encoder.option_rules import CHOICES
 from protocol.limits import USUAL_VOICE
 from protocol.link.endpoints import check_listening
-from protocol.link.interface import CONNECT_TIMEOUT_S
 from risorius.command_line.argument_types import bitrate, port
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import say, warn
 from risorius.live_call.call_place import add_place, read_place
-from risorius.live_call.messages import BROWSER, CAMERA_SOUND
+from risorius.live_call.messages import BROWSER, CAMERA_SOUND, OwnMedia
 from shared_model.errors import UserError
 
 if TYPE_CHECKING:
@@ -137,16 +136,19 @@ def _options(arguments: argparse.Namespace) -> "CallOptions":
     microphone = _microphone(arguments)
     voice = _voice(arguments, microphone)
     check_devices(arguments.camera, microphone, voice)
+    link, invitation = read_place(arguments)
     return CallOptions(
-        place=read_place(arguments),
-        timeout_s=arguments.timeout or CONNECT_TIMEOUT_S,
-        camera=arguments.camera,
-        microphone=microphone,
-        voice=voice,
-        bitrate=arguments.bitrate,
-        low_delay=arguments.low_delay,
-        face=face,
-        face_on=arguments.face_on,
+        link=link,
+        invitation=invitation,
+        media=OwnMedia(
+            arguments.camera,
+            microphone,
+            voice,
+            arguments.bitrate,
+            arguments.low_delay,
+            face,
+            arguments.face_on,
+        ),
         port=arguments.port,
         folder=arguments.folder,
         person=arguments.name,

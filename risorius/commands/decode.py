@@ -8,10 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from protocol.link.interface import CONNECT_TIMEOUT_S
+from protocol.link.interface import LinkOptions
 from risorius.command_line.call_link import (
-    NO_LINK,
-    CallLink,
     add_link,
     check_place,
     check_ports,
@@ -98,7 +96,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
         output: Path | None = arguments.output
         if output is None and arguments.source:
             output = Path(stack.enter_context(TemporaryDirectory())) / "decoded.mkv"
-        link = NO_LINK
+        link: LinkOptions | None = None
         if arguments.call_file is None:
             link = read_link(link_request(arguments), is_encoder=False, wait_s=arguments.timeout)
             needs_key = link.security.key is not None
@@ -153,23 +151,19 @@ def _write_letter(arguments: argparse.Namespace) -> int:
 
 
 def _decode(
-    arguments: argparse.Namespace, link: CallLink, output: Path | None, stop: StopOnSignal
+    arguments: argparse.Namespace, link: LinkOptions | None, output: Path | None, stop: StopOnSignal
 ) -> "DecodeReport":
     from decoder.pipeline import DecodeOptions, decode
 
     options = DecodeOptions(
         call_file=input_of(arguments.call_file),
-        listen=link.listen,
-        connect=link.connect,
-        call=link.call,
-        security=link.security,
-        connect_timeout_s=arguments.timeout or CONNECT_TIMEOUT_S,
+        link=link,
         output=output_of(output),
         face=arguments.face,
     )
     idle = IdleTimeout(arguments.timeout, stop)
     with ExitStack() as stack:
-        view = _view(arguments, link.call, idle, stack) if arguments.view else None
+        view = _view(arguments, link, idle, stack) if arguments.view else None
         # Who looks at what is sent would hear an echo.
         is_heard = view is not None and arguments.call_file != STANDARD
         progress = stack.enter_context(ProgressLine("decode", sys.stderr, arguments.quiet))
@@ -193,14 +187,19 @@ def _decode(
 
 
 def _view(
-    arguments: argparse.Namespace, call: str, stop: Callable[[], bool], stack: ExitStack
+    arguments: argparse.Namespace,
+    link: LinkOptions | None,
+    stop: Callable[[], bool],
+    stack: ExitStack,
 ) -> "CallView":
     """What shows each picture on a page until `stack` is closed."""
     from risorius.call_page.call_view import CallView
 
     path: Path | None = arguments.call_file
     is_recorded = path is not None and path != STANDARD
-    name = call if path is None else path.name if is_recorded else "What is sent"
+    name = "What is sent" if path is None or path == STANDARD else path.name
+    if link is not None:
+        name = link.call
 
     def announce(address: str) -> None:
         say(f"decode: the call is shown at {address}")

@@ -86,13 +86,11 @@ def add_view(added: "Commands") -> None:
 def run_animate(arguments: argparse.Namespace) -> int:
     """`risorius animate`."""
     check_outputs([arguments.script, arguments.call], [arguments.output, arguments.truth])
-    from risorius.animation.animate import AnimateOptions, animate
+    from risorius.animation.animate import animate
 
-    options = AnimateOptions(
-        arguments.script, arguments.output, call_file=arguments.call, truth=arguments.truth
-    )
+    files = arguments.script, arguments.output
     with StopOnSignal() as stop, ProgressLine("animate", sys.stderr, arguments.quiet) as progress:
-        report = animate(options, stop.watch(progress), stop)
+        report = animate(*files, stop.watch(progress), stop, arguments.call, arguments.truth)
     if report.unused:
         names = " ".join(report.unused)
         warn([f"{arguments.script}: with --call these are without effect: {names}"])
@@ -109,19 +107,17 @@ def run_view(arguments: argparse.Namespace) -> int:
     for name in ("pictures", "model"):
         if getattr(arguments, name) is not None:
             raise UserError(f"--{name} is for annotations; name them by --annotation")
-    from risorius.view.server import ViewOptions, view
+    from risorius.view.server import view
 
     with StopOnSignal(), suppress(KeyboardInterrupt):
-        view(ViewOptions(arguments.call, arguments.port), lambda url: print(url, flush=True))
+        view(arguments.call, arguments.port, lambda url: print(url, flush=True))
     return 0
 
 
 def _view_annotations(arguments: argparse.Namespace) -> int:
-    from risorius.view.annotation_server import AnnotationViewOptions, view_annotations
+    from risorius.view.annotation_server import view_annotations
 
-    options = AnnotationViewOptions(
-        arguments.annotation, arguments.pictures, arguments.model, arguments.port
-    )
+    shown = arguments.annotation, arguments.pictures, arguments.model, arguments.port
     with StopOnSignal(), suppress(KeyboardInterrupt):
-        view_annotations(options, lambda url: print(url, flush=True))
+        view_annotations(*shown, lambda url: print(url, flush=True))
     return 0

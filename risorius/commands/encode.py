@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 from encoder.live_model import LEARNING_PROCESS
 from encoder.option_rules import with_preset
+from protocol.link.interface import LinkOptions, Reachability
 from risorius.command_line.call_link import (
-    NO_LINK,
-    CallLink,
     add_link,
     check_place,
     check_ports,
@@ -90,12 +89,15 @@ def run_encode(arguments: argparse.Namespace) -> int:
         # It loads its libraries while this process loads its own.
         start_early(LEARNING_PROCESS)
     from loopback.report import figures_of, write_json
-    from protocol.link.interface import Reachability
 
     with ExitStack() as stack:
-        link = NO_LINK
+        link: LinkOptions | None = None
         if arguments.output is None:
-            link = read_link(link_request(arguments), is_encoder=True, wait_s=arguments.wait)
+            link = replace(
+                read_link(link_request(arguments), is_encoder=True, wait_s=arguments.wait),
+                lossless=arguments.lossless,
+                rate_bps=arguments.startup_bitrate,
+            )
             needs_key = link.security.key is not None
             stack.enter_context(announced(link.call, link.listen, True, needs_key))
         options = _encode_options(arguments, profile, link)
@@ -137,22 +139,19 @@ def _encode(options: "EncodeOptions", stop: StopOnSignal, quiet: bool) -> "Encod
             raise
 
 
-def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink) -> "EncodeOptions":
+def _encode_options(
+    arguments: argparse.Namespace, profile: str, link: LinkOptions | None
+) -> "EncodeOptions":
     from encoder.options import EncodeOptions
     from encoder.thesis.trackers import TrackingOptions
     from risorius.call_drawing import draw
     from risorius.statistical_model import expression_search, landmark_source
 
-    over_link = arguments.output is None
     nose = None if arguments.nose_cascade is None else Path(arguments.nose_cascade)
     return EncodeOptions(
         source=arguments.source,
         output=output_of(arguments.output),
-        connect=link.connect,
-        listen=link.listen,
-        call=link.call,
-        security=link.security,
-        lossless=arguments.lossless,
+        link=link,
         draw=draw,
         profile=profile,
         texture_modes=arguments.texture_modes,
@@ -174,7 +173,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
             arguments.free_focal,
             expression_search(arguments.aam if arguments.aam_feedback else None),
         ),
-        pace=over_link if arguments.pace is None else arguments.pace,
+        pace=link is not None if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,
         wait_for_peer_s=arguments.wait,
         look_for_face_s=arguments.look_for_face,

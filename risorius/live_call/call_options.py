@@ -3,17 +3,16 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from risorius.live_call.call_place import CallPlace
-from shared_model.arrays import Picture
+from protocol.link.interface import LinkOptions
+from risorius.live_call.messages import OwnMedia
 
 
 @dataclass(frozen=True, slots=True)
 class CallOptions:
     """A call both ways.
 
-    place: where the other end is.  timeout_s: how long to try to connect.
-    camera, microphone, voice, bitrate, low_delay: see `SendingOptions`.
-    face, face_on: see `SendingOptions`.
+    link: to the other end, by the call's name, which its two directions add to.
+    invitation: what the page shows to hand over while nobody has called; None: nothing.
     port: TCP port of the page; 0: any free one.
     folder: where recordings go.
     person: name of who is here, as the other end shows it; empty: none.
@@ -21,15 +20,9 @@ class CallOptions:
         there is none.
     """
 
-    place: CallPlace
-    timeout_s: float
-    camera: str
-    microphone: str | None
-    voice: str
-    bitrate: float
-    low_delay: bool
-    face: Picture | None
-    face_on: bool
+    link: LinkOptions
+    invitation: str | None
+    media: OwnMedia
     port: int
     folder: Path
     person: str = ""

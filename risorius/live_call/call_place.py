@@ -1,31 +1,15 @@
 """Where the other end of a call is, as the command line says it, and with what key."""
 
 import argparse
-from dataclasses import dataclass
 from pathlib import Path
 
 from protocol.endpoint import parse_endpoint
+from protocol.link.interface import LinkOptions
 from protocol.security.invitation import SCHEME, Invitation
-from protocol.security.link_security import LinkSecurity
 from risorius.command_line.argument_types import seconds
-from risorius.command_line.call_link import CallLink, LinkRequest, read_link
+from risorius.command_line.call_link import LinkRequest, read_link
 from risorius.command_line.progress import say
 from risorius.live_call.invitation_card import command_line, own_host
-
-
-@dataclass(frozen=True, slots=True)
-class CallPlace:
-    """listen: endpoint to wait for the other end at; None: `connect` to it.
-
-    name: of the call.  security: what protects it.
-    invitation: what the page shows to hand over while nobody has called; None: nothing.
-    """
-
-    listen: str | None
-    connect: str | None
-    name: str
-    security: LinkSecurity
-    invitation: str | None
 
 
 def add_place(parser: argparse.ArgumentParser) -> None:
@@ -66,9 +50,9 @@ def add_place(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def read_place(arguments: argparse.Namespace) -> CallPlace:
-    """The place that the arguments ask for; prints what to hand over: an invitation, if there is a
-    new one, or without a key what the other end types.
+def read_place(arguments: argparse.Namespace) -> tuple[LinkOptions, str | None]:
+    """The link that the arguments ask for, and what to hand over: an invitation, or without a key
+    what the other end types; None: nothing.  Prints it, but for an invitation that is not new.
 
     Raises `UserError` if something is missing, or does not go together.
     """
@@ -84,18 +68,12 @@ def read_place(arguments: argparse.Namespace) -> CallPlace:
             call=arguments.call,
         ),
         is_encoder=True,
-        wait_s=0.0,
+        wait_s=arguments.timeout,
     )
     to_hand_over = _to_hand_over(link, arguments.insecure)
     if link.security.key is None and to_hand_over is not None:
         say(f"the other end types: {to_hand_over}")
-    return CallPlace(
-        listen=next(iter(link.listen), None),
-        connect=next(iter(link.connect), None),
-        name=link.call,
-        security=link.security,
-        invitation=to_hand_over,
-    )
+    return link, to_hand_over
 
 
 def own_address(listen: str) -> str:
@@ -108,7 +86,7 @@ def own_address(listen: str) -> str:
     return f"{scheme}{host}:{endpoint.port}{endpoint.options}"
 
 
-def _to_hand_over(link: CallLink, is_insecure: bool) -> str | None:
+def _to_hand_over(link: LinkOptions, is_insecure: bool) -> str | None:
     """The invitation, or without a key what the other end types."""
     if not link.listen:
         return None

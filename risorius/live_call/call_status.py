@@ -5,10 +5,9 @@ from dataclasses import replace
 from time import monotonic
 
 from protocol.limits import DEFAULT_CALL
-from protocol.link.interface import Reachability
+from protocol.link.interface import LinkOptions, Reachability
 from risorius.call_page.page_clock import PageClock
 from risorius.call_page.page_server import PageServer
-from risorius.live_call.call_place import CallPlace
 from risorius.live_call.call_words import cost_words, delay_ms, state_words, stranger_words
 from risorius.live_call.messages import Presence, Receiving, Sending
 
@@ -23,9 +22,9 @@ class CallStatus:
     """
 
     def __init__(
-        self, page: PageServer, clock: PageClock, place: CallPlace, say: Callable[[str], None]
+        self, page: PageServer, clock: PageClock, link: LinkOptions, say: Callable[[str], None]
     ) -> None:
-        self._page, self._clock, self._place, self._say = page, clock, place, say
+        self._page, self._clock, self._link, self._say = page, clock, link, say
         self.sending: Sending | None = None
         self.receiving: Receiving | None = None
         self.has_picture = False
@@ -44,7 +43,7 @@ class CallStatus:
         """Tell pages how it goes, and the terminal what has changed."""
         sending, receiving = self.sending, self.receiving
         presence = Presence.AWAITED if receiving is None else receiving.presence
-        name, is_listening = self._place.name, self._place.listen is not None
+        name, is_listening = self._link.call, bool(self._link.listen)
         is_camera_off = receiving is not None and receiving.is_camera_off
         reached = self._reached(presence)
         state = self.person or name, is_listening, self.has_picture, reached, presence
@@ -85,6 +84,6 @@ class CallStatus:
         """Say once that somebody is not of this call: each direction of it notices them."""
         if not self._has_told_of_strangers:
             self._has_told_of_strangers = True
-            text = stranger_words(self._place.listen is not None)
+            text = stranger_words(bool(self._link.listen))
             self._page.tell("trouble", text=text)
             self._say(text)

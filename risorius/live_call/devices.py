@@ -21,7 +21,7 @@ from risorius.live_call.messages import (
     CameraPicture,
     Device,
     MicrophoneSound,
-    SendingOptions,
+    OwnMedia,
     Switch,
 )
 from shared_model.arrays import Samples
@@ -38,27 +38,27 @@ class Devices:
     Raises `UserError` if a device cannot be opened, or the codec is not installed.
     """
 
-    def __init__(self, options: SendingOptions) -> None:
-        self._options = options
+    def __init__(self, media: OwnMedia) -> None:
+        self._media = media
         self._source: Capture | None = None
         fps = BROWSER_FPS
-        if options.camera != BROWSER:
-            self._source = open_source(options.camera, square_pixels=True)
+        if media.camera != BROWSER:
+            self._source = open_source(media.camera, square_pixels=True)
             fps = min(self._source.fps, MAX_FPS)
         self._mailbox, self.fps = FrameMailbox(fps), fps
         self._capture: LiveCapture | None = None
         self._is_muted = self._is_closed = False
         self._speech: LiveSpeech | None = None
         self.voice: VoicePacker | None = None
-        if options.voice != "off":
-            self._speech = LiveSpeech(options.voice, lambda: self.begun_s)
+        if media.voice != "off":
+            self._speech = LiveSpeech(media.voice, lambda: self.begun_s)
             self.voice = VoicePacker(self._speech)
         self._file_microphone: FileMicrophone | None = None
         self._host_microphone: Any = None
         self._open_microphone()
         if self._source is not None:
             start = self._file_microphone.start if self._file_microphone else lambda start_s: None
-            read_camera(options.camera, self._mailbox, self._source, True, start)
+            read_camera(media.camera, self._mailbox, self._source, True, start)
 
     def capture(self) -> LiveCapture | None:
         """The camera, once it has given a picture; None: it was closed before.
@@ -66,7 +66,7 @@ class Devices:
         Raises `UserError` if the camera gives none.
         """
         try:
-            self._capture = LiveCapture(self._options.camera, self._mailbox, self.fps)
+            self._capture = LiveCapture(self._media.camera, self._mailbox, self.fps)
         except UserError:
             if self._is_closed:
                 return None
@@ -111,11 +111,11 @@ class Devices:
         return None if self._capture is None else self._capture.start_s
 
     def _open_microphone(self) -> None:
-        name = self._options.microphone
+        name = self._media.microphone
         if self._speech is None or name is None or name == BROWSER:
             return
         if name == CAMERA_SOUND:
-            path = Path(self._options.camera)
+            path = Path(self._media.camera)
             self._file_microphone = FileMicrophone(path, self._speech.rate_hz, self._hear)
         else:
             from encoder.sound.host_microphone import open_host_microphone

@@ -9,10 +9,11 @@ from threading import Lock
 import numpy as np
 
 from decoder.call_pictures import CallPictures, DrawnFrame
-from decoder.playout.call_source import CallSource, open_packet_source
+from decoder.playout.call_source import CallSource
 from decoder.sound.sound_track import SoundTrack, open_sound_track
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
+from protocol.link.carriers import open_link_source
 from protocol.link.interface import Arrival, PacketSource
 from risorius.live_call.messages import (
     Draw,
@@ -52,7 +53,7 @@ def run(part: PartConnection, options: DrawingOptions) -> None:
 
     Raises `UserError` if the link cannot be made the first time.
     """
-    if options.place is None:
+    if options.link is None:
         # The picture of oneself stands back behind the other parts of a call.
         lower_priority_of_process()
     drawing = _Drawing(part, options)
@@ -82,7 +83,7 @@ class _Drawing:
         source = self._open()
         while True:
             self._draw(source)
-            if self._options.place is None or self._part.is_over.is_set():
+            if self._options.link is None or self._part.is_over.is_set():
                 return
             if self._presence is not Presence.AWAITED:
                 self._presence = Presence.LEFT
@@ -128,17 +129,11 @@ class _Drawing:
         return max(0, lost) / max(1, lost + came)
 
     def _open(self) -> PacketSource:
-        place = self._options.place
-        if place is None:
+        link = self._options.link
+        if link is None:
             assert self._options.stream is not None
             return StampedSource(CallReader(os.fdopen(self._options.stream, "rb")))
-        options = CallSource(
-            connect=(place.connect,),
-            call=place.name,
-            connect_timeout_s=place.timeout_s,
-            security=place.security,
-        )
-        return open_packet_source(options, self._part.tell_of_link)
+        return open_link_source(link, self._part.tell_of_link)
 
     def _open_again(self) -> PacketSource:
         while True:
@@ -155,7 +150,7 @@ class _Drawing:
             self._losses.clear()
         source = MeteredSource(opened, self._meter, self._note)
         self._thinning = Thinning(self._options.fps, time.monotonic)
-        options, stop = CallSource(), self._part.is_over.is_set
+        options, stop = CallSource(link=self._options.link), self._part.is_over.is_set
         self._sound = self._sound_start = None
         try:
             drawing = CallPictures(

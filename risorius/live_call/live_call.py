@@ -6,6 +6,7 @@ import signal
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -14,6 +15,7 @@ from encoder.live_model import LEARNING_PROCESS
 from encoder.sound.speech_encoder import speech_rate_hz
 from protocol.endpoint import parse_endpoint
 from protocol.link.direction import Direction, DirectionMessage
+from protocol.link.interface import LinkOptions
 from protocol.link.zenoh_direction import ZenohDirection
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from risorius.call_page.call_view import open_browser
@@ -34,7 +36,6 @@ from risorius.live_call.messages import (
     Drawn,
     FromPart,
     Heard,
-    LinkPlace,
     MicrophoneSound,
     Presence,
     Receiving,
@@ -70,37 +71,42 @@ def run_call(
     Raises `UserError` if it cannot be held.
     """
     with ExitStack() as stack:
-        where, watch = options.place.connect, None
-        if options.place.listen is not None:
-            relay = Relay(RelayOptions((options.place.listen,), max_peers=MAX_PEERS))
+        link, watch = options.link, None
+        if link.listen:
+            relay = Relay(RelayOptions(link.listen, max_peers=MAX_PEERS))
             stack.enter_context(relay)
-            where = own_address(options.place.listen)
+            link = replace(link, listen=(), connect=(own_address(link.listen[0]),))
             if options.share is not None:
                 watch = _share(options, relay, options.share, stack)
                 tell("no host can reach this one" if watch is None else f"watched at {watch}")
-        assert where is not None
-        asyncio.run(_LiveCall(options, where, watch, tell).run(announce))
+        asyncio.run(_LiveCall(options, link, watch, tell).run(announce))
 
 
 def _share(options: CallOptions, relay: Relay, port: int, stack: ExitStack) -> str | None:
     """Let browsers elsewhere watch this end; the address of that page."""
     from risorius.watch.watch_server import WatchServer
 
-    place = options.place
-    assert place.listen is not None
+    link = options.link
     server = stack.enter_context(WatchServer(relay, port))
     # Who listens sends in this direction.
-    call = place.name + SUFFIXES[Direction.A]
-    return watch_address(parse_endpoint(place.listen), server.port, call, place.security.key)
+    call = link.call + SUFFIXES[Direction.A]
+    return watch_address(parse_endpoint(link.listen[0]), server.port, call, link.security.key)
 
 
 class _LiveCall:
-    """The parts of a call and its page; used in one event loop."""
+    """The parts of a call and its page; used in one event loop.
+
+    link: by which both directions connect, also where the call listens.
+    """
 
     def __init__(
-        self, options: CallOptions, where: str, watch: str | None, tell: Callable[[str], None]
+        self,
+        options: CallOptions,
+        link: LinkOptions,
+        watch: str | None,
+        tell: Callable[[str], None],
     ) -> None:
-        self._options, self._where, self._watch = options, where, watch
+        self._options, self._link, self._watch = options, link, watch
         self._page = PageServer(
             self._command, self._take_picture, self._take_sound, on_need=self._draw
         )
@@ -108,12 +114,12 @@ class _LiveCall:
         self._clock = PageClock()
         self._over = asyncio.Event()
         self._failure: UserError | None = None
-        self._status = CallStatus(self._page, self._clock, options.place, tell)
+        self._status = CallStatus(self._page, self._clock, options.link, tell)
         self._parts: list[PartProcess] = []
         self._ends: ZenohDirection | None = None
         self._running = 0  # counts how often the parts have been started
         self._recorded: dict[str, Path | None] = {}  # the call file of each side
-        self._switches = {"mute": False, "camera-off": False, "face": options.face_on}
+        self._switches = {"mute": False, "camera-off": False, "face": options.media.face_on}
 
     async def run(self, announce: Callable[[str], None]) -> None:
         """Hold the call until it is over."""
@@ -153,9 +159,9 @@ class _LiveCall:
             with suppress(RuntimeError):
                 loop.call_soon_threadsafe(self._note_other, message)
 
-        place, person = self._options.place, self._options.person
-        link = self._where, place.name, place.security, place.listen is not None
-        return ZenohDirection(*link, restart, person, tell_other)
+        link, is_listening = self._link, bool(self._options.link.listen)
+        where = link.connect[0], link.call, link.security, is_listening
+        return ZenohDirection(*where, restart, self._options.person, tell_other)
 
     def _note_other(self, message: DirectionMessage) -> None:
         self._status.person, self._status.is_muted = message.person, message.is_muted
@@ -169,21 +175,10 @@ class _LiveCall:
             self._start(direction)
 
     def _start(self, direction: Direction) -> None:
-        options = self._options
         self._running += 1
         ours, theirs = SUFFIXES[direction], SUFFIXES[direction.other]
         own_picture, monitor = os.pipe()
-        sending = SendingOptions(
-            self._direction(ours),
-            options.camera,
-            options.microphone,
-            options.voice,
-            options.bitrate,
-            options.low_delay,
-            monitor,
-            options.face,
-            options.face_on,
-        )
+        sending = SendingOptions(self._direction(ours), self._options.media, monitor)
         other = DrawingOptions(self._direction(theirs))
         oneself = DrawingOptions(None, own_picture, SELF_FPS)
         try:
@@ -222,29 +217,28 @@ class _LiveCall:
         self._parts.append(part)
         return part
 
-    def _direction(self, suffix: str) -> LinkPlace:
-        place, timeout_s = self._options.place, self._options.timeout_s
-        return LinkPlace(place.name + suffix, self._where, timeout_s, place.security)
+    def _direction(self, suffix: str) -> LinkOptions:
+        return replace(self._link, call=self._link.call + suffix)
 
     def _setup(self) -> None:
         """Tell pages what they have and what they give."""
-        options = self._options
-        rate_hz = speech_rate_hz(options.voice) if options.voice != "off" else 0
+        media = self._options.media
+        rate_hz = speech_rate_hz(media.voice) if media.voice != "off" else 0
         self._page.tell(
             "setup",
-            call=options.place.name,
-            camera=options.camera == BROWSER,
-            microphone_hz=rate_hz if options.microphone == BROWSER else 0,
-            has_voice=options.voice != "off" and options.microphone is not None,
-            has_face=options.face is not None,
+            call=self._link.call,
+            camera=media.camera == BROWSER,
+            microphone_hz=rate_hz if media.microphone == BROWSER else 0,
+            has_voice=media.voice != "off" and media.microphone is not None,
+            has_face=media.face is not None,
             **{name.replace("-", "_"): on for name, on in self._switches.items()},
             recording=any(self._recorded.values()),
         )
 
     def _invite(self) -> None:
         """Tell pages what to hand over."""
-        if self._options.place.invitation is not None:
-            self._page.tell("invitation", **card(self._options.place.invitation, self._watch))
+        if self._options.invitation is not None:
+            self._page.tell("invitation", **card(self._options.invitation, self._watch))
 
     # What the parts say.
 
@@ -334,12 +328,12 @@ class _LiveCall:
     # What the pages say.
 
     def _take_picture(self, picture: PictureMessage) -> None:
-        if self._options.camera == BROWSER:
+        if self._options.media.camera == BROWSER:
             taken_s = self._clock.taken_s(picture.made_ms)
             self._sender.send(CameraPicture(taken_s, picture.jpeg))
 
     def _take_sound(self, sound: SoundMessage) -> None:
-        if self._options.microphone == BROWSER:
+        if self._options.media.microphone == BROWSER:
             taken_s = self._clock.taken_s(sound.made_ms)
             self._sender.send(MicrophoneSound(taken_s, sound.rate_hz, sound.samples))
 
@@ -364,7 +358,7 @@ class _LiveCall:
 
     def _record(self, on: bool) -> None:
         """Let the parts begin or end a recording of both sides."""
-        start = f"{self._options.place.name}-{time.strftime('%Y%m%d-%H%M%S')}"
+        start = f"{self._link.call}-{time.strftime('%Y%m%d-%H%M%S')}"
         for part, side in ((self._sender, "mine"), (self._other, "other")):
             part.send(Record(self._options.folder / f"{start}-{side}.rzo" if on else None))
 

@@ -4,13 +4,12 @@
 unless they are said to be others.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from protocol.link.interface import CONNECT_TIMEOUT_S
-from protocol.security.link_security import LinkSecurity
+from protocol.link.interface import LinkOptions
 
 if TYPE_CHECKING:
     from shared_model.arrays import Picture
@@ -20,40 +19,36 @@ BROWSER = "browser"
 
 
 @dataclass(frozen=True, slots=True)
-class LinkPlace:
-    """One direction of a call.
+class OwnMedia:
+    """What this end gives.
 
-    name: of this direction on the link.  connect: the endpoint.
-    timeout_s: how long to try.  security: what protects it.
+    camera: video file, camera index or URL, or `BROWSER`.
+    microphone: `CAMERA_SOUND`: the sound of the file; `BROWSER`; a device of the host; None: none.
+    voice: one of `VOICES`.
+    face: (h, w, 3) uint8 BGR with the face that is shown instead when that is switched on; None:
+        there is none.  face_on: it is on from the beginning.
     """
 
-    name: str
-    connect: str
-    timeout_s: float = CONNECT_TIMEOUT_S
-    security: LinkSecurity = field(default_factory=LinkSecurity)
+    camera: str
+    microphone: str | None
+    voice: str
+    bitrate: float
+    low_delay: bool
+    face: "Picture | None" = None
+    face_on: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class SendingOptions:
     """What is sent, and where to.
 
-    camera: video file, camera index or URL, or `BROWSER`.
-    microphone: `CAMERA_SOUND`: the sound of the file; `BROWSER`; a device of the host; None: none.
-    voice: one of `VOICES`.
+    link: of this direction of the call.
     monitor: descriptor of a pipe that gets the call as well.
-    face: (h, w, 3) uint8 BGR with the face that is shown instead when that is switched on; None:
-        there is none.  face_on: it is on from the beginning.
     """
 
-    place: LinkPlace
-    camera: str
-    microphone: str | None
-    voice: str
-    bitrate: float
-    low_delay: bool
+    link: LinkOptions
+    media: OwnMedia
     monitor: int | None
-    face: "Picture | None" = None
-    face_on: bool = False
 
 
 CAMERA_SOUND = "camera"
@@ -63,11 +58,11 @@ CAMERA_SOUND = "camera"
 class DrawingOptions:
     """What is drawn.
 
-    place: where it comes from; None: from the descriptor `stream`.
+    link: of the direction that is drawn; None: it comes from the descriptor `stream`.
     fps: pictures a second that are drawn, about; None: all.
     """
 
-    place: LinkPlace | None
+    link: LinkOptions | None
     stream: int | None = None
     fps: float | None = None
 

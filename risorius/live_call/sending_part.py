@@ -36,22 +36,23 @@ def run(part: PartConnection, options: SendingOptions) -> None:
     with ExitStack() as stack:
         stack.enter_context(short_switch_interval())
         face_on = Event()
-        if options.face_on:
+        if options.media.face_on:
             face_on.set()
         recorder = CallRecorder(part.send)
         stack.callback(recorder.close)
-        devices = stack.enter_context(Devices(options))
+        devices = stack.enter_context(Devices(options.media))
         part.in_background(lambda: _obey(part, devices, recorder, face_on))
         sent = _Sent(options, devices, recorder, stack, part.tell_of_link)
         part.every_second(sent.figures)
         capture = devices.capture()
         if capture is None:
             return
+        face = options.media.face
         callbacks = SessionCallbacks(
             lambda done, total: None,
             part.is_over.is_set,
             on_preparing=sent.prepare,
-            other_face=None if options.face is None else OtherFace(options.face, face_on.is_set),
+            other_face=None if face is None else OtherFace(face, face_on.is_set),
         )
         try:
             run = EncodeRun(sent.options, capture, sent.stats, callbacks)
@@ -93,14 +94,11 @@ class _Sent:
         if options.monitor is not None:
             monitor = stack.enter_context(os.fdopen(options.monitor, "wb", buffering=0))
         self.options = EncodeOptions(
-            options.camera,
+            options.media.camera,
             monitor=monitor,
-            connect=(options.place.connect,),
-            call=options.place.name,
-            connect_timeout_s=options.place.timeout_s,
-            security=options.place.security,
-            bitrate=options.bitrate,
-            low_delay=options.low_delay,
+            link=options.link,
+            bitrate=options.media.bitrate,
+            low_delay=options.media.low_delay,
             two_way=True,
             live=True,
         )

@@ -3,7 +3,6 @@
 import asyncio
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -25,35 +24,30 @@ from runtime.image_ops import jpeg
 PARTS = ("panel.css", "annotation.css", "annotation.js")
 
 
-@dataclass(frozen=True, slots=True)
-class AnnotationViewOptions:
-    """What to show and where.
-
-    path: a folder of annotations, or the JSON file of one.  pictures: where to look for pictures
-    that are not where they were.  model: a trained model, by which the residual is shown.
-    port: TCP port on this host; 0: any free one.
-    """
-
-    path: Path
-    pictures: Path | None = None
-    model: Path | None = None
-    port: int = 0
-
-
-def view_annotations(options: AnnotationViewOptions, announce: Callable[[str], None]) -> None:
+def view_annotations(
+    path: Path,
+    pictures: Path | None,
+    model: Path | None,
+    port: int,
+    announce: Callable[[str], None],
+) -> None:
     """Serve the page until interrupted.
 
+    path: a folder of annotations, or the JSON file of one.  pictures: where to look for pictures
+        that are not where they were; None: nowhere else.
+    model: a trained model, by which the residual is shown; None: by the folder's mean.
+    port: TCP port on this host; 0: any free one.
     announce: called with the page's address once it can be opened.
     Raises `UserError` if there are no annotations, or the port is taken.
     """
-    folder = AnnotationFolder(options.path, options.pictures)
+    folder = AnnotationFolder(path, pictures)
     residual: Residual
-    if options.model is not None:
-        residual = ModelResidual(read_model(options.model))
+    if model is not None:
+        residual = ModelResidual(read_model(model))
     else:
         residual = MeanResidual(folder.path, folder.names)
     folder.open(folder.names[0])
-    asyncio.run(_serve(options.port, _Annotations(folder, residual), announce))
+    asyncio.run(_serve(port, _Annotations(folder, residual), announce))
 
 
 async def _serve(port: int, shown: "_Annotations", announce: Callable[[str], None]) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from aiohttp import web
 
 from risorius.animation.animate import Actor, open_actor, side_light
-from risorius.animation.animation_script import AnimationState, Script, parse_script
+from risorius.animation.animation_script import AnimationState, parse_script
 from risorius.page.access import HEADERS
 from risorius.page.local_site import LocalSite, answer, fixed, page_files
 from risorius.page.loop_thread import LoopThread
@@ -34,17 +34,6 @@ FILES = ["panel.css", "view.css", "blink.js", "muscle_rows.js", "view.js"]
 NAP_S = 0.2
 # The generic head's studio: a head fills the picture at the distance of a portrait.
 STUDIO = {"width": 720, "height": 800, "distance_mm": 1000, "focal_px": 2750, "mottle": 0}
-
-
-@dataclass(frozen=True, slots=True)
-class ViewOptions:
-    """Whom to show and where.
-
-    call_file: whose face; None: the generic head.  port: TCP port on this host; 0: any free one.
-    """
-
-    call_file: Path | None = None
-    port: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,21 +79,24 @@ class RequestQueue:
             return self._waiting.pop(next(iter(self._waiting)))
 
 
-def view(options: ViewOptions, announce: Callable[[str], None]) -> None:
+def view(call_file: Path | None, port: int, announce: Callable[[str], None]) -> None:
     """Serve the page until interrupted.
 
+    call_file: whose face; None: the generic head.  port: TCP port on this host; 0: any free one.
     announce: called with the page's address once it can be opened.
     Raises `UserError` if the call has no person, there is no EGL, or the port is taken.
     """
     studio = parse_script(STUDIO, Path())
     with ExitStack() as stack:
-        actor = open_actor(studio, options.call_file)
+        actor = open_actor(studio, call_file)
         stack.callback(actor.close)
         requests = RequestQueue()
         loop = LoopThread()
         stack.callback(loop.close)
-        site = _site(requests, _description(actor, studio, options))
-        loop.run(site.open(options.port))
+        camera = actor.geometry(studio.at(0)).camera
+        caller = None if call_file is None else call_file.name
+        site = _site(requests, page_description(camera.width, camera.height, caller))
+        loop.run(site.open(port))
         stack.callback(lambda: loop.run(site.close()))
         announce(site.address)
         while True:
@@ -129,12 +121,6 @@ def _lit(picture: Picture, state: AnimationState) -> Picture:
         return picture
     light = state.brightness * side_light(picture.shape[1], state.side)
     return np.asarray(np.clip(picture * light[:, None], 0, 255), dtype=np.uint8)
-
-
-def _description(actor: Actor, studio: Script, options: ViewOptions) -> dict[str, Any]:
-    camera = actor.geometry(studio.at(0)).camera
-    caller = options.call_file.name if options.call_file else None
-    return page_description(camera.width, camera.height, caller)
 
 
 def _site(requests: RequestQueue, described: dict[str, Any]) -> LocalSite:

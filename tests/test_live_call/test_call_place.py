@@ -2,15 +2,16 @@
 
 import pytest
 
+from protocol.link.interface import LinkOptions
 from protocol.security.invitation import Invitation, parse_invitation
 from risorius.cli import build_parser
-from risorius.live_call.call_place import CallPlace, own_address, read_place
+from risorius.live_call.call_place import own_address, read_place
 from shared_model.errors import UserError
 
 INVITATION = Invitation("192.0.2.7", 7447, "anna", bytes(range(16)))
 
 
-def place(*arguments: str) -> CallPlace:
+def place(*arguments: str) -> tuple[LinkOptions, str | None]:
     return read_place(build_parser().parse_args(["call", *arguments]))
 
 
@@ -28,26 +29,26 @@ def test_an_end_that_listens_reaches_itself(listen: str, own: str) -> None:
 
 
 def test_an_invitation_says_where_with_what_name_and_key() -> None:
-    found = place(str(INVITATION))
-    assert (found.listen, found.connect, found.name) == (None, "192.0.2.7:7447", "anna")
-    assert found.security.key == INVITATION.key and found.invitation is None
+    link, handed = place(str(INVITATION))
+    assert (link.listen, link.connect, link.call) == ((), ("192.0.2.7:7447",), "anna")
+    assert link.security.key == INVITATION.key and handed is None
 
 
 def test_who_listens_for_others_draws_a_key_and_hands_over_an_invitation() -> None:
-    found = place("--listen", "192.0.2.7:7447", "--call", "anna")
-    assert found.invitation is not None
-    handed = parse_invitation(found.invitation)
-    assert handed.key == found.security.key and handed.address == "192.0.2.7:7447"
-    assert handed.call == found.name == "anna"
+    link, line = place("--listen", "192.0.2.7:7447", "--call", "anna")
+    assert line is not None
+    handed = parse_invitation(line)
+    assert handed.key == link.security.key and handed.address == "192.0.2.7:7447"
+    assert handed.call == link.call == "anna"
 
 
 def test_without_encryption_only_on_this_host_or_if_asked_for(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert place("127.0.0.1:7447").security.key is None
-    assert place("192.0.2.7:7447", "--insecure").security.key is None
+    assert place("127.0.0.1:7447")[0].security.key is None
+    assert place("192.0.2.7:7447", "--insecure")[0].security.key is None
     with pytest.raises(UserError, match="no invitation"):
         place("192.0.2.7:7447")
-    handed = place("--listen", "192.0.2.7:7447", "--insecure").invitation
+    _, handed = place("--listen", "192.0.2.7:7447", "--insecure")
     assert handed == "risorius call 192.0.2.7:7447 --call call --insecure"
     assert handed in capsys.readouterr().err

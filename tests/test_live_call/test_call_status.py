@@ -6,11 +6,9 @@ import pytest
 
 pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
-from protocol.link.interface import Reachability
-from protocol.security.link_security import LinkSecurity
+from protocol.link.interface import LinkOptions, Reachability
 from risorius.call_page.page_clock import PageClock
 from risorius.call_page.page_server import PageServer
-from risorius.live_call.call_place import CallPlace
 from risorius.live_call.call_status import CallStatus
 from risorius.live_call.messages import Presence, Receiving, Sending, Traffic
 
@@ -23,8 +21,8 @@ LEFT = replace(HERE, presence=Presence.LEFT)
 
 def test_whoever_has_left_is_calling_only_when_they_come_again() -> None:
     said = list[str]()
-    place = CallPlace("tcp/127.0.0.1:1", None, "anna", LinkSecurity(), None)
-    status = CallStatus(PageServer(), PageClock(), place, said.append)
+    link = LinkOptions("anna", listen=("tcp/127.0.0.1:1",))
+    status = CallStatus(PageServer(), PageClock(), link, said.append)
     for sending, receiving in (
         (ALONE, None),
         (LINKED, HERE),

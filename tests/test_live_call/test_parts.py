@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from decoder.playout.call_source import CallSource, open_packet_source
 from decoder.sinks.frame_sink import open_sink
 from loopback.process_pair import free_port
-from protocol.link.interface import MessageCallback, PacketSource
+from protocol.link.carriers import open_link_source
+from protocol.link.interface import LinkOptions, MessageCallback, PacketSource
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from risorius.live_call import drawing_part, sending_part
 from risorius.live_call.messages import (
     DrawingOptions,
-    LinkPlace,
+    OwnMedia,
     Record,
     SendingOptions,
     Trouble,
@@ -75,8 +75,9 @@ def test_who_sends_waits_as_long_as_the_user_says(tmp_path: Path) -> None:
     clip = tmp_path / "clip.mkv"
     with open_sink(clip, 16, 16, Fraction(25)) as sink:
         sink.write(np.zeros((16, 16, 3), np.uint8))
-    place = LinkPlace("anna-a", f"127.0.0.1:{free_port()}", timeout_s=0.2)
-    options = SendingOptions(place, str(clip), None, "off", 800.0, False, None)
+    where = f"127.0.0.1:{free_port()}"
+    link = LinkOptions("anna-a", connect=(where,), connect_timeout_s=0.2)
+    options = SendingOptions(link, OwnMedia(str(clip), None, "off", 800.0, False), None)
     ours, theirs = map(ObjectStream, socket.socketpair())
     with closing(ours), pytest.raises(UserError, match=r"cannot reach .* within 0\.2 s"):
         sending_part.run(PartConnection(theirs), options)
@@ -90,17 +91,17 @@ def test_who_draws_opens_no_other_link_once_the_call_is_over(
     ours, theirs = map(ObjectStream, socket.socketpair())
     part = PartConnection(theirs)
 
-    def open_and_note(options: CallSource, say: MessageCallback) -> PacketSource:
-        opened.append(open_packet_source(options, say))
+    def open_and_note(options: LinkOptions, say: MessageCallback) -> PacketSource:
+        opened.append(open_link_source(options, say))
         return opened[-1]
 
     def draw_and_hang_up(*arguments: Any) -> MeteredSource:
         part.is_over.set()
         return MeteredSource(*arguments)
 
-    monkeypatch.setattr("risorius.live_call.drawing_part.open_packet_source", open_and_note)
+    monkeypatch.setattr("risorius.live_call.drawing_part.open_link_source", open_and_note)
     monkeypatch.setattr("risorius.live_call.drawing_part.MeteredSource", draw_and_hang_up)
-    place = LinkPlace("anna-b", address, timeout_s=60)
+    link = LinkOptions("anna-b", connect=(address,), connect_timeout_s=60)
     with closing(ours), Relay(RelayOptions((f"tcp/{address}",))):
-        drawing_part.run(part, DrawingOptions(place))
+        drawing_part.run(part, DrawingOptions(link))
     assert len(opened) == 1

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 from processes import one_line
 
+from protocol.link.interface import LinkOptions
 from protocol.security.invitation import Invitation, parse_invitation
 from risorius.cli import main
 from risorius.command_line.call_link import (
-    CallLink,
     add_link,
     check_place,
     link_request,
@@ -29,7 +29,7 @@ INVITATION = Invitation("192.0.2.7", 7447, "anna", bytes(range(16)))
 Capture = pytest.CaptureFixture[str]
 
 
-def link_of(*arguments: str) -> CallLink:
+def link_of(*arguments: str) -> LinkOptions:
     """What a decoder makes of its arguments."""
     parser = argparse.ArgumentParser()
     add_link(parser, parser.add_mutually_exclusive_group())
@@ -57,7 +57,8 @@ def test_who_listens_beyond_this_host_prints_one_line_to_send(
     assert link.security.key == invitation.key and link.call == "anna"
     other = link_of("--invite", str(invitation), *quiet)
     assert capsys.readouterr().err == ""
-    assert other == CallLink((), (OWN,), "anna", link.security)
+    assert (other.call, other.listen, other.connect) == ("anna", (), (OWN,))
+    assert other.security == link.security
     assert repr(other).find(str(invitation.key)) < 0
 
 

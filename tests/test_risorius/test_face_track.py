@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from processes import error_line
 
-from risorius.animation.animate import AnimateOptions, animate
+from risorius.animation.animate import animate
 from risorius.cli import main
 from risorius.face_track import (
     EAU_COLUMNS,
@@ -46,8 +46,8 @@ def talking(networks: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A video of two seconds; its truth has the same name."""
     folder = tmp_path_factory.mktemp("talking")
     (folder / "a.toml").write_text(SCRIPT)
-    options = AnimateOptions(folder / "a.toml", folder / "a.mkv")
-    animate(options, lambda done, total: None, lambda: False)
+    files = folder / "a.toml", folder / "a.mkv"
+    animate(*files, lambda done, total: None, lambda: False)
     return folder / "a.mkv"
 
 

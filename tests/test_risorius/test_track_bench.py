@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from processes import error_line
 
-from risorius.animation.animate import AnimateOptions, animate
+from risorius.animation.animate import animate
 from risorius.cli import main
 from risorius.track_bench.expression_errors import compare_expressions
 from risorius.track_bench.pose_errors import compare_poses
@@ -196,8 +196,8 @@ def test_the_command_tracks_and_compares_with_the_truth_of_an_animation(
     networks: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "a.toml").write_text(SCRIPT)
-    options = AnimateOptions(tmp_path / "a.toml", tmp_path / "a.mkv")
-    animate(options, lambda done, total: None, lambda: False)
+    files = tmp_path / "a.toml", tmp_path / "a.mkv"
+    animate(*files, lambda done, total: None, lambda: False)
     labels = tmp_path / "labels"
     labels.mkdir()
     lines = [f"{number},{5 * (number > 25)}" for number in range(1, 51)]

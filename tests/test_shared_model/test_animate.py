@@ -11,7 +11,7 @@ from call_files import call_file
 
 from protocol.call_file import CallWriter
 from protocol.packets import ControlKind, ControlPacket, serialise
-from risorius.animation.animate import AnimateOptions, animate, degrade, side_light
+from risorius.animation.animate import animate, degrade, side_light
 from risorius.animation.animation_script import parse_script
 from risorius.animation.synthetic_skin import painted_colours
 from risorius.cli import main
@@ -44,7 +44,7 @@ def run(folder: Path, text: str = SCRIPT, **options: Any) -> tuple[list[Picture]
     script = folder / "script.toml"
     script.write_text(text)
     output = folder / "f%02d.png"
-    report = animate(AnimateOptions(script, output, **options), lambda *_: None, lambda: False)
+    report = animate(script, output, lambda *_: None, lambda: False, **options)
     pictures = [cv2.imread(str(folder / f"f{i:02d}.png")) for i in range(report.frames)]
     assert all(picture is not None for picture in pictures)
     return [np.asarray(p, dtype=np.uint8) for p in pictures], json.loads(report.truth.read_text())
