@@ -1,4 +1,4 @@
-"""Values that an encoder's options may have, which go together, and the profile they ask for.
+"""Values that options may have, which go together, and the profile they ask for.
 
 An option is named as on the command line, with underscores: `startup_bitrate`.  Nothing
 that needs NumPy is imported at the top: a command line that checks its options starts quickly.
@@ -6,6 +6,7 @@ that needs NumPy is imported at the top: a command line that checks its options 
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from protocol.limits import VOICES
 from shared_model.errors import UserError
@@ -134,8 +135,19 @@ def check_value(name: str, value: object) -> None:
             raise ValueError(f"{value:g} is not {RANGES[name]}")
 
 
-def chosen_profile(options: Options, spelling: Spelling) -> str:
-    """The profile that the options name, or that they need, or that works with what is installed.
+def check_values(options: Options) -> None:
+    """Raise `ValueError` for an option that cannot have its value; None: it is not given."""
+    for name, value in options.items():
+        try:
+            if value is not None:
+                check_value(name, value)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
+
+
+def checked_options(options: Options, spelling: Spelling) -> dict[str, Any]:
+    """The options of an encoder with what their preset stands for and with their profile: the one
+    that they name, or that they need, or that works with what is installed.
 
     options: by name; a missing one has its default.
     Raises `UserError` if one of the options has no effect with the others.
@@ -156,7 +168,7 @@ def chosen_profile(options: Options, spelling: Spelling) -> str:
         raise UserError(f"{misplaced[0]} is about the {other} profile; add {asked}")
     _check_effects(options, spelling)
     _check_startup(options, spelling)
-    return str(profile)
+    return {**options, "profile": profile}
 
 
 def check_delay(delay_s: float, is_live: bool) -> None:
@@ -177,6 +189,33 @@ def available_profile() -> str:
     except NetworkFilesMissing:
         return "thesis"
     return "default"
+
+
+def reject(options: Options, refused: Options, other: str) -> None:
+    """Raise `UserError` if an option of a command line differs from its default in `refused`.
+
+    other: what it does not go with.
+    """
+    for name, default in refused.items():
+        value = options.get(name, default)
+        if value != default:
+            option = option_typed(name, value)
+            raise UserError(f"{option} does not go with {other}; leave out {option}")
+
+
+def as_typed(name: str, value: object) -> str:
+    """An option and its value as on a command line."""
+    option = option_typed(name, value)
+    if isinstance(value, bool):
+        return option
+    if isinstance(value, Collection) and not isinstance(value, str):
+        return f"{option} {','.join(sorted(map(str, value)))}"
+    return f"{option} {value:g}" if isinstance(value, float) else f"{option} {value}"
+
+
+def option_typed(name: str, value: object) -> str:
+    """An option as on a command line, without its value."""
+    return f"--{'no-' if value is False else ''}{name.replace('_', '-')}"
 
 
 def _check_effects(options: Options, spelling: Spelling) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from encoder.capture.video_source import is_pipe, open_source
+from encoder.option_rules import option_typed
 from loopback.call_figures import call_figures, is_call_figure
 from loopback.figures import FIGURES
 from loopback.judge.comparison import Comparison, compare, observe_source
@@ -62,13 +63,10 @@ class BenchSettings:
         """The settings as options of the encoder's command line; each has its option's name."""
         options = ["--lossless", "--voice", "off", "--profile", self.profile]
         for item in fields(self):
-            value, name = getattr(self, item.name), item.name.replace("_", "-")
-            if value == item.default or name in OF_THE_BENCH:
-                continue
-            if isinstance(value, bool):
-                options.append(f"--{name}" if value else f"--no-{name}")
-            else:
-                options += [f"--{name}", str(value)]
+            value = getattr(self, item.name)
+            if value != item.default and item.name not in OF_THE_BENCH:
+                options.append(option_typed(item.name, value))
+                options += [] if isinstance(value, bool) else [str(value)]
         return options
 
 

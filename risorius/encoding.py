@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
-from encoder.option_rules import check_value, chosen_profile
+from encoder.option_rules import check_values, checked_options
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.report import EncodeReport
@@ -16,19 +16,14 @@ Progress = Callable[[int, int | None], None]
 def encode_checked(
     source: str | Path,
     output: str | Path | BinaryIO,
-    settings: Mapping[str, Any],
+    settings: Mapping[str, object],
     progress: Progress | None,
 ) -> EncodeReport:
     """See `risorius.encode`.  settings: fields of `EncodeOptions`; profile None: to be chosen."""
-    for name, value in settings.items():
-        if value is not None:
-            try:
-                check_value(name, value)
-            except ValueError as error:
-                raise ValueError(f"{name}: {error}") from error
-    profile = chosen_profile(settings, lambda name, value: f"{name}={value!r}")
+    check_values(settings)
+    checked = checked_options(settings, lambda name, value: f"{name}={value!r}")
     target = Path(output) if isinstance(output, str) else output
-    options = EncodeOptions(str(source), target, draw=draw, **{**settings, "profile": profile})
+    options = EncodeOptions(str(source), target, draw=draw, **checked)
     return encode(options, progress or _ignore, lambda: False)
 
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from encoder.option_rules import check_value, chosen_profile
+from encoder.option_rules import check_values, checked_options
 from loopback.bench import BenchSettings, check_recorded, is_figure
 from loopback.clip_paths import clip_path
 from loopback.replay.checks import EVENTS, TOLERANCES, ExpectedEvent
@@ -181,14 +181,10 @@ def _settings(content: Mapping[str, Any], place: str) -> BenchSettings:
             kind = "true or false" if is_switch else "neither true nor false"
             raise UserError(f"{place}: expected {kind} for {item.name}")
     settings = BenchSettings(**content)
-    for name, value in content.items():
-        try:
-            check_value(name, value)
-        except ValueError as error:
-            raise UserError(f"{place}: {name}: {error}") from error
     try:
-        chosen_profile(asdict(settings), _as_setting)
-    except UserError as error:
+        check_values(content)
+        checked_options(asdict(settings), _as_setting)
+    except (ValueError, UserError) as error:
         raise UserError(f"{place}: {error}") from error
     return settings
 

@@ -4,17 +4,35 @@ import argparse
 from dataclasses import fields
 from pathlib import Path
 
-from encoder.option_rules import check_model_is_named
-from risorius.command_line.option_rules import OPTIONS_NOT_FOR_TRACKS, as_typed, reject
+from encoder.option_rules import (
+    DEFAULT_OPTIONS,
+    THESIS_OPTIONS,
+    Options,
+    as_typed,
+    check_model_is_named,
+    reject,
+)
 from risorius.command_line.output_checks import check_output_folder
 from risorius.command_line.progress import say, warn
 from risorius.command_line.signals import StopOnSignal
+
+# Options without an effect where clips are tracked and not sent, and their defaults.
+NOT_FOR_TRACKS: Options = {
+    **{
+        name: default
+        for name, default in THESIS_OPTIONS.items()
+        if name not in ("aam", "aam_feedback")
+    },
+    **DEFAULT_OPTIONS,
+    **dict.fromkeys(("profile", "preset", "sweep", "against", "scheduler", "model_bytes", "cores")),
+    **{"timings": False, "jobs": 1, "pace": True, "busy": 0},
+}
 
 
 def run_tracks(arguments: argparse.Namespace) -> int:
     """`risorius bench --pose-truth`, `--labels`."""
     asked = "--pose-truth" if arguments.pose_truth else "--labels"
-    reject(arguments, OPTIONS_NOT_FOR_TRACKS, asked)
+    reject(vars(arguments), NOT_FOR_TRACKS, asked)
     check_model_is_named(vars(arguments), as_typed)
     from aam.charts import NEEDED, has_charts
     from loopback.bench import ClipFailure, make_folder

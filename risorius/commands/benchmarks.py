@@ -5,12 +5,15 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from risorius.command_line.argument_types import names, rungs
-from risorius.command_line.option_rules import (
-    OPTIONS_NOT_FOR_SWEEP,
-    profile_of,
+from encoder.option_rules import (
+    DEFAULT_OPTIONS,
+    THESIS_OPTIONS,
+    Options,
+    as_typed,
+    checked_options,
     reject,
 )
+from risorius.command_line.argument_types import names, rungs
 from risorius.command_line.options import add_coding
 from risorius.command_line.output_checks import check_output_folder, check_outputs
 from risorius.command_line.parser import add_command
@@ -20,6 +23,13 @@ from shared_model.errors import UserError
 
 if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
+
+# Options without an effect in a sweep, and their defaults.
+NOT_FOR_SWEEP: Options = {
+    **THESIS_OPTIONS,
+    **{name: default for name, default in DEFAULT_OPTIONS.items() if name != "live"},
+    **{"model_bytes": None, "pace": True, "busy": 0, "cores": None},
+}
 
 
 def add_bench(added: "Commands") -> None:
@@ -180,7 +190,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
         return run_tracks(arguments)
     if arguments.sweep or arguments.against:
         return run_curves(arguments)
-    profile = profile_of(arguments)
+    profile = checked_options(vars(arguments), as_typed)["profile"]
     from loopback.bench import (
         BenchSettings,
         ClipFailure,
@@ -224,7 +234,7 @@ def run_curves(arguments: argparse.Namespace) -> int:
         raise UserError("--timings is about calls between two processes; leave out --sweep")
     if arguments.profile == "thesis":
         raise UserError("--sweep is about the default profile; leave out --profile thesis")
-    reject(arguments, OPTIONS_NOT_FOR_SWEEP, "--sweep")
+    reject(vars(arguments), NOT_FOR_SWEEP, "--sweep")
     from loopback.curves.contenders import LADDER, Rung
     from loopback.curves.curve_bench import (
         CurveSettings,

@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from encoder.option_rules import Options, reject
 from protocol.link.interface import LinkOptions
 from risorius.command_line.call_link import (
     add_link,
@@ -18,7 +19,6 @@ from risorius.command_line.call_link import (
 )
 from risorius.command_line.idle_timeout import IdleTimeout
 from risorius.command_line.local_network import announced
-from risorius.command_line.option_rules import DECODE_LINK_OPTIONS, reject
 from risorius.command_line.options import (
     add_comparison,
     add_reporting,
@@ -39,7 +39,9 @@ if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
 
 # What a letter does not go with, and the values that stand for nothing.
-LETTER_REJECTS = {"source": None, "face": None, "view": False, "report": None}
+# Options with an effect over a link only, and their defaults.
+LINK_OPTIONS: Options = {"insecure": False, "keys": None, "timeout": 0.0}
+LETTER_REJECTS: Options = {"source": None, "face": None, "view": False, "report": None}
 # Below this PSNR of the whole picture source and call can hardly be of the same recording.
 UNRELATED_DB = 13.0
 
@@ -126,11 +128,11 @@ def _check_arguments(arguments: argparse.Namespace) -> None:
     read = [arguments.call_file, arguments.source, arguments.face]
     check_outputs(read, [arguments.output, arguments.report])
     if arguments.call_file is not None:
-        reject(arguments, DECODE_LINK_OPTIONS, "a call file")
+        reject(vars(arguments), LINK_OPTIONS, "a call file")
     if is_letter(arguments.output):
         if arguments.call_file in (None, STANDARD):
             raise UserError("a letter is made of a call file; record the call with -o CALL first")
-        reject(arguments, LETTER_REJECTS, "a letter")
+        reject(vars(arguments), LETTER_REJECTS, "a letter")
     elif arguments.output is not None and arguments.output != STANDARD:
         from decoder.sinks.frame_sink import check_sink
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from encoder.live_model import LEARNING_PROCESS
-from encoder.option_rules import with_preset
+from encoder.option_rules import Options, as_typed, checked_options, reject
 from protocol.link.interface import LinkOptions, Reachability
 from risorius.command_line.call_link import (
     add_link,
@@ -18,7 +18,6 @@ from risorius.command_line.call_link import (
     read_link,
 )
 from risorius.command_line.local_network import announced
-from risorius.command_line.option_rules import ENCODE_LINK_OPTIONS, profile_of, reject
 from risorius.command_line.options import (
     SOURCE_HELP,
     add_coding,
@@ -40,6 +39,9 @@ if TYPE_CHECKING:
     from encoder.options import EncodeOptions
     from encoder.report import EncodeReport
     from risorius.command_line.parser import Commands
+
+# Options with an effect over a link only, and their defaults.
+LINK_OPTIONS: Options = {"insecure": False, "keys": None, "lossless": False, "wait": 30.0}
 
 
 def add_encode(added: "Commands") -> None:
@@ -80,12 +82,11 @@ def run_encode(arguments: argparse.Namespace) -> int:
     check_place(arguments, "-o CALL", arguments.output is not None)
     check_outputs([arguments.source], [arguments.output, arguments.report])
     check_call_file(arguments.output)
-    profile = profile_of(arguments)
-    vars(arguments).update(with_preset(vars(arguments)))
+    vars(arguments).update(checked_options(vars(arguments), as_typed))
     if arguments.output is not None:
-        reject(arguments, ENCODE_LINK_OPTIONS, "-o")
+        reject(vars(arguments), LINK_OPTIONS, "-o")
     check_ports(arguments)
-    if profile == "default" and _is_in_real_time(arguments):
+    if arguments.profile == "default" and _is_in_real_time(arguments):
         # It loads its libraries while this process loads its own.
         start_early(LEARNING_PROCESS)
     from loopback.report import figures_of, write_json
@@ -100,7 +101,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
             )
             needs_key = link.security.key is not None
             stack.enter_context(announced(link.call, link.listen, True, needs_key))
-        options = _encode_options(arguments, profile, link)
+        options = _encode_options(arguments, link)
         if arguments.view:
             from risorius.call_page.call_view import SentView
 
@@ -139,9 +140,7 @@ def _encode(options: "EncodeOptions", stop: StopOnSignal, quiet: bool) -> "Encod
             raise
 
 
-def _encode_options(
-    arguments: argparse.Namespace, profile: str, link: LinkOptions | None
-) -> "EncodeOptions":
+def _encode_options(arguments: argparse.Namespace, link: LinkOptions | None) -> "EncodeOptions":
     from encoder.options import EncodeOptions
     from encoder.thesis.trackers import TrackingOptions
     from risorius.call_drawing import draw
@@ -153,7 +152,7 @@ def _encode_options(
         output=output_of(arguments.output),
         link=link,
         draw=draw,
-        profile=profile,
+        profile=arguments.profile,
         texture_modes=arguments.texture_modes,
         bitrate=arguments.bitrate,
         startup_bitrate=arguments.startup_bitrate,

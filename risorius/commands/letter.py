@@ -7,9 +7,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from encoder.option_rules import CHOICES
+from encoder.option_rules import CHOICES, as_typed, checked_options, reject
 from risorius.command_line.argument_types import bitrate, count, model_bytes
-from risorius.command_line.option_rules import profile_of, reject
 from risorius.command_line.options import SOURCE_HELP
 from risorius.command_line.output_checks import check_letter_name, check_outputs
 from risorius.command_line.parser import INTERRUPTED, add_command
@@ -74,7 +73,7 @@ def run_letter(arguments: argparse.Namespace) -> int:
     check_letter_name(output)
     is_call = arguments.source.lower().endswith(CALL_SUFFIX)
     if is_call:
-        reject(arguments, dict.fromkeys(ENCODER_OPTIONS), "a call file")
+        reject(vars(arguments), dict.fromkeys(ENCODER_OPTIONS), "a call file")
     from risorius.letter.letter_file import write_letter
 
     with ExitStack() as stack:
@@ -102,7 +101,7 @@ def _encode(arguments: argparse.Namespace, call: Path, stop: StopOnSignal) -> No
             source=arguments.source,
             output=call,
             draw=draw,
-            profile=profile_of(arguments),
+            profile=str(checked_options(vars(arguments), as_typed)["profile"]),
             bitrate=arguments.bitrate or 800.0,
             model_bytes=arguments.model_bytes,
             max_frames=arguments.max_frames,

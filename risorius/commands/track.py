@@ -5,9 +5,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from encoder.option_rules import check_model_is_named
+from encoder.option_rules import as_typed, check_model_is_named
 from risorius.command_line.argument_types import count
-from risorius.command_line.option_rules import as_typed
 from risorius.command_line.options import SOURCE_HELP, add_statistical_model
 from risorius.command_line.output_checks import STANDARD, check_outputs
 from risorius.command_line.parser import INTERRUPTED, add_command

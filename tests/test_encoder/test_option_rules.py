@@ -9,13 +9,12 @@ from conftest import without_layers
 from processes import error_line
 
 from encoder.appearance.photometric import NORMALISATIONS
-from encoder.option_rules import with_preset
+from encoder.option_rules import as_typed, checked_options
 from encoder.thesis.klt import KLT_POINTS
 from encoder.thesis.measurement_model import PROJECTIONS
 from encoder.thesis.trackers import DETECTORS, FITTERS, TRACKERS
 from protocol.summary import summarise
 from risorius.cli import build_parser, main
-from risorius.command_line.option_rules import profile_of
 
 Capture = pytest.CaptureFixture[str]
 
@@ -154,18 +153,18 @@ def test_options_without_effect_in_a_combination_are_refused(
 )
 def test_options_that_go_together_are_taken(options: str) -> None:
     arguments = build_parser().parse_args(["encode", "a.mp4", "-o", "a.rzo", *options.split()])
-    assert profile_of(arguments) == "thesis"
+    assert checked_options(vars(arguments), as_typed)["profile"] == "thesis"
 
 
 def test_a_preset_stands_for_options_that_may_still_be_given_otherwise() -> None:
     line = ["encode", "a.mp4", "-o", "a.rzo", "--preset", "thesis-literal"]
     arguments = build_parser().parse_args(line)
-    assert profile_of(arguments) == "thesis"
-    expanded = with_preset(vars(arguments))
+    assert checked_options(vars(arguments), as_typed)["profile"] == "thesis"
+    expanded = checked_options(vars(arguments), as_typed)
     named = [expanded[name] for name in ("profile", "aam", "abs", "normalise", "tracker")]
     assert named == ["thesis", "builtin", "mirrored-matrix", "retinex", "full"]
     arguments = build_parser().parse_args([*line, "--abs", "mirrored", "--aam", "m.npz"])
-    expanded = with_preset(vars(arguments))
+    expanded = checked_options(vars(arguments), as_typed)
     assert [expanded["abs"], expanded["aam"]] == ["mirrored", "m.npz"]
 
 
