@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from encoder.residual.residual_writing import serialise_tiles
+from encoder.residual.residual_encoder import serialise_tiles
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, parse_packet, serialise
 from protocol.picture_residual.framing import covered_frames, join_payload, split_payload

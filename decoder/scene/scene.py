@@ -6,14 +6,13 @@
 import cv2
 import numpy as np
 
-from decoder.rendering.mouth_shading import mouth_shading
 from decoder.rendering.render_geometry import NEAR_MM
 from decoder.rendering.renderer import FrameState, Renderer
 from decoder.scene.scene_parts import SceneParts
 from protocol.model_packet import ModelPacket
 from shared_model.arrays import Array, Picture, Single
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head
-from shared_model.layers.head_motion import warp
+from shared_model.layers.head_motion import smoothstep, warp
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import LIDS, FaceParameters, Pose
 from shared_model.stage_timer import StageTimer
@@ -26,6 +25,9 @@ FACE_OPACITY = 0.5
 # The area of the face is averaged over a square: its side is 1 more than twice this share of the
 # picture's.
 SOFT_SHARE = 1 / 320
+# Light inside the mouth when the lips are closed; at this distance of the lips it is 1.
+CLOSED_MOUTH_LIGHT = 0.35
+OPEN_MOUTH_MM = 12.0
 
 
 class Scene:
@@ -165,3 +167,13 @@ def face_area(head: Head, camera: Camera, pose: Pose, vertices: Array) -> Single
     cv2.fillConvexPoly(area, corners, 1.0)
     side = 2 * max(1, round(SOFT_SHARE * max(area.shape))) + 1
     return np.asarray(cv2.blur(area, (side, side)), np.float32)
+
+
+def mouth_shading(head: Head, vertices: Array) -> float:
+    """Light inside the mouth, relative to that of wide open lips.
+
+    vertices: (n, 3) float64, mm, head frame.
+    """
+    upper, lower = (vertices[head.landmarks[lip]] for lip in ("sto_upper", "sto_lower"))
+    opening = smoothstep(np.linalg.norm(upper - lower) / OPEN_MOUTH_MM)
+    return float(CLOSED_MOUTH_LIGHT + (1 - CLOSED_MOUTH_LIGHT) * opening)

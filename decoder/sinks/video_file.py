@@ -19,11 +19,11 @@ from av.video.reformatter import (
 )
 from av.video.stream import VideoStream
 
-from decoder.sinks import matroska_aspect
 from decoder.sinks.interface import FrameSink
 from decoder.sinks.sound_stream import SoundStream
 from decoder.sinks.y4m_stream import LUMA_SPAN, LUMA_WEIGHTS
 from protocol.frames.frame_times import TICKS_PER_FRAME
+from protocol.sample_aspect import shown_size
 from shared_model.arrays import Picture, Samples
 from shared_model.errors import UserError
 
@@ -52,6 +52,17 @@ FASTSTART = {"movflags": "+faststart"}
 CHROMA_SUBSAMPLED = "yuv420p"
 # Tag of the files of a call, by its colour matrix.
 TAGS: dict[str, Colorspace | None] = {"bt601": None, "bt709": Colorspace.ITU709}
+# The elements, by their identifiers: Projection with the rotation's size and head, and ours.
+_PROJECTION = bytes.fromhex("76708b767588")
+_PROJECTION_BYTES = 14
+_DISPLAY_WIDTH, _DISPLAY_HEIGHT, _VOID = b"\x54\xb0\x82", b"\x54\xba\x82", b"\xec\x82"
+# DisplayUnit: unknown, as the muxer writes it, and pixels.
+_UNKNOWN_UNIT, _PIXEL_UNIT = b"\x54\xb2\x81\x04", b"\x54\xb2\x81\x00"
+# Headers end before this.
+_HEAD_BYTES = 65536
+MAX_SIDE_PX = 0xFFFF
+# Check sums would have to be made again.
+MATROSKA_OPTIONS = {"write_crc": "0"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,14 +115,14 @@ class VideoFileSink(FrameSink):
             undo.callback(self._remove_part)
             options = FASTSTART if CODECS[path.suffix.lower()] == "libx264" else {}
             if self._writes_aspect is not None:
-                options = matroska_aspect.CONTAINER_OPTIONS
+                options = MATROSKA_OPTIONS
             opened = av.open(str(self._part), "w", container_options=options)
             self._container = undo.enter_context(opened)
             self._stream = self._add_stream(width, height, fps, is_variable)
             if sample_aspect != 1:
                 self._stream.codec_context.sample_aspect_ratio = sample_aspect
             if self._writes_aspect is not None:
-                matroska_aspect.make_room(self._stream)
+                make_room_for_aspect(self._stream)
             self._sound = (
                 None
                 if sound_rate_hz is None
@@ -164,7 +175,7 @@ class VideoFileSink(FrameSink):
                     self._sound.finish()
             if self._next_pts and self._writes_aspect is not None:
                 height, width, _ = self._shape
-                matroska_aspect.state_aspect(self._part, width, height, self._writes_aspect)
+                state_aspect(self._part, width, height, self._writes_aspect)
         finally:
             if not self._next_pts:
                 self._remove_part()
@@ -242,3 +253,21 @@ def _of_odd_size(colours: _PixelFormat, path: Path) -> _PixelFormat:
     if CODECS[path.suffix.lower()] != "libx264":
         return colours
     return _PixelFormat("yuv444p", colours.matrix)
+
+
+def make_room_for_aspect(stream: VideoStream) -> None:
+    """Before the header is written."""
+    stream.set_display_rotation(90)
+
+
+def state_aspect(path: Path, width: int, height: int, aspect: Fraction) -> None:
+    """State it in a finished file of such a stream.  width, height: of the pictures."""
+    shown = shown_size(width, height, aspect)
+    sides = [min(side, MAX_SIDE_PX).to_bytes(2, "big") for side in shown]
+    elements = _DISPLAY_WIDTH + sides[0] + _DISPLAY_HEIGHT + sides[1] + _VOID + bytes(2)
+    assert len(elements) == _PROJECTION_BYTES
+    with path.open("r+b") as file:
+        head = file.read(_HEAD_BYTES)
+        for before, after in ((_PROJECTION, elements), (_UNKNOWN_UNIT, _PIXEL_UNIT)):
+            file.seek(head.index(before))
+            file.write(after)

@@ -1,17 +1,24 @@
-"""Finds the landmarks of one face in each frame; reports what is missing or ambiguous."""
+"""Finds the landmarks of one face in each frame; reports what is missing or ambiguous.
+
+In a live call also whether the face is still that of the same person.
+"""
 
 from encoder.calls.session_stats import SessionStats
 from encoder.detection.blazeface import BlazeFaceDetector
-from encoder.detection.iris import TRAINED_CROP_SCALE
+from encoder.detection.iris import TRAINED_CROP_SCALE, WIDE_CROP_SCALE
 from encoder.detection.landmarks import FaceMesh, Landmarks, LandmarkTracker
 from encoder.detection.several_faces import warn_of_several_faces
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.person.followed_face import FollowedFace
+from encoder.person.person_watch import PersonWatch, Verdict
 from encoder.person.scene_cuts import CutDetector
-from shared_model.arrays import Picture
+from shared_model.arrays import Array, Picture
 from shared_model.errors import UserError
 
 SWITCHED = "another face is followed: the one before never moved, or is much smaller"
+# Frames that are left out until it is known whose face they have; a face that is turned away for
+# longer is taken for the same.
+MAX_HELD_FRAMES = 4
 
 
 class LandmarkSearch:
@@ -82,3 +89,33 @@ def warn_of_long_search(seconds: float, limit_s: float, stats: SessionStats) -> 
     """Add a warning if a source has shown no face in its first `seconds`, the limit or more."""
     if seconds >= limit_s:
         stats.warn(f"no face in the first {limit_s:g} s; still looking")
+
+
+class CallerSearch:
+    """Looks at one frame after the other."""
+
+    def __init__(self, stats: SessionStats) -> None:
+        self._search = open_landmark_search(
+            stats, eye_crop_scale=WIDE_CROP_SCALE, in_real_time=True
+        )
+        self._watch, self._undecided = PersonWatch(), 0
+
+    def find(self, picture: Picture, next_frame: Picture | None) -> tuple[Array | None, bool]:
+        """The landmarks (468, 3), pixels, of the face in a frame, None where there is none or it is
+        not known whose it is; and whether from this frame on it is somebody else's.
+
+        picture: (h, w, 3) BGR; empty: the camera is off.  next_frame: see `LandmarkTracker.update`.
+        """
+        if not picture.size:
+            return None, False
+        found = self._search.find(picture, next_frame)
+        if found is None:
+            self._watch.miss()
+            return None, False
+        verdict = self._watch.judge(picture, found.points, self._search.is_cut)
+        if self._search.has_switched:
+            self._watch.begin()
+            verdict = Verdict.OTHER
+        self._undecided = self._undecided + 1 if verdict is Verdict.UNDECIDED else 0
+        is_held = 0 < self._undecided <= MAX_HELD_FRAMES
+        return None if is_held else found.points, verdict is Verdict.OTHER

@@ -1,7 +1,6 @@
-"""The frames of a source as a session takes them: limited, paced, timed, read ahead, delayed."""
+"""The frames of a source as a session takes them: limited, paced, timed, read ahead."""
 
 import time
-from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from dataclasses import dataclass
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
 from runtime.parallel import beside, prefetch
-from shared_model.arrays import Array, Picture
+from shared_model.arrays import Picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,65 +82,6 @@ class FrameSource:
     @property
     def _is_realtime(self) -> bool:
         return self.pace or self.capture.is_live
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SeenFrame:
-    """A source frame that has been seen and is not coded yet.
-
-    picture: (h, w, 3) BGR, empty where the camera is off.
-    points: (468, 3) landmarks, pixels; None: no face was found.
-    seen_s: when, by the call's clock.
-    is_other: from this frame on it is the face of somebody else.
-    is_between: its landmarks are not looked for, see `encoder.calls.frame_between`.
-    """
-
-    index: int
-    picture: Picture
-    points: Array | None
-    seen_s: float
-    is_other: bool = False
-    is_between: bool = False
-
-
-class FrameDelay:
-    """Holds frames back for some time after they have been seen.
-
-    delay_s: in the source's time.  fps: of the source.
-    """
-
-    def __init__(self, delay_s: float, fps: float) -> None:
-        self._delay_s, self._frames = delay_s, round(delay_s * fps)
-        self._seen = deque[SeenFrame]()
-
-    def __bool__(self) -> bool:
-        """Whether any frame has to wait."""
-        return self._frames > 0
-
-    @property
-    def shows_face(self) -> bool:
-        """Whether there is a face in a frame that waits."""
-        return any(frame.points is not None for frame in self._seen)
-
-    def add(self, frame: SeenFrame) -> None:
-        """Add the newest frame."""
-        self._seen.append(frame)
-
-    def due(self, newest: int) -> Iterator[SeenFrame]:
-        """The frames that have waited long enough when source frame `newest` has been seen."""
-        while self._seen and self._seen[0].index <= newest - self._frames:
-            yield self._seen.popleft()
-
-    def rest(self, clock: Callable[[], float] | None) -> Iterator[SeenFrame]:
-        """The frames that still wait.
-
-        clock: that of `seen_s`, by which each waits its time; None: none waits any longer.
-        """
-        while self._seen:
-            frame = self._seen.popleft()
-            if clock is not None:
-                time.sleep(max(0.0, frame.seen_s + self._delay_s - clock()))
-            yield frame
 
 
 @contextmanager

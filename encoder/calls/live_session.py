@@ -9,18 +9,21 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from encoder.calls.call_events import CallEvents
-from encoder.calls.caller_search import CallerSearch
-from encoder.calls.face_search import warn_of_long_search
-from encoder.calls.frame_between import Between, FrameBetween, may_lack_landmarks
-from encoder.calls.frame_source import FrameDelay, SeenFrame
+from encoder.calls.face_search import CallerSearch, warn_of_long_search
+from encoder.calls.frame_packets import PacketCoder, PacketFiller
 from encoder.calls.model_lifecycle import ModelLifecycle
 from encoder.calls.model_states import ModelState
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.overload import OverloadController, overload_warning
-from encoder.calls.packet_coder import PacketCoder
-from encoder.calls.packet_filler import PacketFiller
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
+from encoder.calls.waiting_frames import (
+    Between,
+    FrameBetween,
+    FrameDelay,
+    SeenFrame,
+    may_lack_landmarks,
+)
 from encoder.capture.video_source import Capture
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget

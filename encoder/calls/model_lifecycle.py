@@ -22,11 +22,10 @@ from encoder.learning.incremental_modes import LearnedMode
 from encoder.learning.mode_scheduler import FramePlace, ModeScheduler
 from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import Learner, ModesTask, TrainingTask
-from encoder.live_model.model_schedule import ModelSchedule
+from encoder.live_model.model_schedule import ModelSchedule, TrainingFrames
 from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.other_face import FaceChoice
 from encoder.live_model.pacing import Pacing
-from encoder.live_model.training_frames import TrainingFrames
 from shared_model.arrays import Array, Picture
 from shared_model.parameters import FaceParameters
 

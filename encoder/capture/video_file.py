@@ -4,12 +4,15 @@ Interlaced pictures are deinterlaced, those of high dynamic range are tone-mappe
 matrix is applied, and pictures of another size than the first are fitted into that.
 """
 
+import struct
 from collections.abc import Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
 from typing import Any
 
 import av
+import cv2
 import numpy as np
 from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
@@ -18,7 +21,6 @@ from numpy.typing import NDArray
 from encoder.capture.containers import open_container, readable_frames, video_stream
 from encoder.capture.deinterlacer import Deinterlacer
 from encoder.capture.frame_times import is_usable_fps
-from encoder.capture.orientation import orientation_of
 from encoder.capture.picture_size import in_square_pixels, letterboxed
 from encoder.capture.time_stamps import TimeStamps, read_time_stamps
 from encoder.capture.tone_mapping import HLG, PQ, ToneMapper
@@ -171,3 +173,39 @@ class VideoFile:
     def _note(self, line: str) -> None:
         if line not in self._notes:
             self._notes.append(line)
+
+
+@dataclass(frozen=True, slots=True)
+class Orientation:
+    """Rows and columns are exchanged first, where they are; then the sides are."""
+
+    is_transposed: bool = False
+    flips_columns: bool = False
+    flips_rows: bool = False
+
+    def apply(self, picture: Picture) -> Picture:
+        """The picture (h, w, 3) as it is to be shown."""
+        if self.is_transposed:
+            picture = np.asarray(cv2.transpose(picture), np.uint8)
+        if self.flips_columns or self.flips_rows:
+            both = self.flips_columns and self.flips_rows
+            picture = np.asarray(
+                cv2.flip(picture, -1 if both else int(self.flips_columns)), np.uint8
+            )
+        return picture
+
+
+UPRIGHT = Orientation()
+
+
+def orientation_of(matrix: bytes | None) -> Orientation:
+    """By a display matrix, which turns by multiples of 90 degrees and mirrors; None: as it is.
+
+    The first two rows and columns of the matrix say where x and y go (`libavutil/display.h`).
+    """
+    if matrix is None:
+        return UPRIGHT
+    x_to_x, x_to_y, _, y_to_x, y_to_y = struct.unpack_from("<5i", matrix)
+    if abs(x_to_y) > abs(x_to_x):
+        return Orientation(True, flips_columns=y_to_x < 0, flips_rows=x_to_y < 0)
+    return Orientation(False, flips_columns=x_to_x < 0, flips_rows=y_to_y < 0)

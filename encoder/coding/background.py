@@ -5,11 +5,17 @@ It has layers (`encoder.layers`), or is one picture with the mask of the person 
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
+import cv2
+import numpy as np
+
+from encoder.capture.colour import luma_f32
 from encoder.detection.segmentation import segment_person
 from encoder.detection.tflite import find_segmentation_network
+from encoder.layers.layer_samples import coarse_picture, shrunk
+from encoder.layers.light import fit_light, lit, lit_picture
 from encoder.picture_coding.image_budget import (
     BACKGROUND_SIDES_PX,
     ROUGH_SIDE_PX,
@@ -17,6 +23,10 @@ from encoder.picture_coding.image_budget import (
 )
 from protocol.pictures.foreground_mask import serialise_background
 from shared_model.arrays import Array, Mask, Picture
+from shared_model.layers.light import light_of
+
+# A background is worth its bytes again if the light has changed it by so many grey levels.
+MIN_CHANGE_GREY = 6.0
 
 
 class Background(Protocol):
@@ -73,3 +83,18 @@ def background_of(frame: Picture, outline_px: Array) -> BackgroundImage:
     """
     path = find_segmentation_network()
     return BackgroundImage(frame, segment_person(path, frame, outline_px) if path else None)
+
+
+def background_in_light(background: BackgroundImage, newest: Picture) -> BackgroundImage | None:
+    """The background in the light of a frame (h, w, 3) BGR; None if it has about that light."""
+    coarse = coarse_picture(newest)
+    shape = coarse.shape[0], coarse.shape[1]
+    before, after = luma_f32(shrunk(background.picture, shape)), luma_f32(coarse)
+    weight = np.ones_like(before)
+    if background.foreground is not None:
+        person = background.foreground.astype(np.float32)
+        weight -= cv2.resize(person, before.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    light = light_of(fit_light(before, after, weight))
+    if float(np.abs(lit(before, light) - before).mean()) < MIN_CHANGE_GREY:
+        return None
+    return replace(background, picture=lit_picture(background.picture, light))

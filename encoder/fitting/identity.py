@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from encoder.detection.landmark_indices import INNER_LIP_PAIRS
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.gauss_newton import Damping, Equations, Evaluation, levenberg_marquardt
 from encoder.fitting.increments import (
@@ -31,11 +32,10 @@ from encoder.fitting.landmark_fit import (
     rotate_fields,
     rotated_points,
 )
-from encoder.fitting.lip_closure import lip_closure_constraints
 from runtime.parallel import parallel_map
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
-from shared_model.arrays import Array
+from shared_model.arrays import Array, Indices
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, BROW_EAUS, EAUS, FaceParameters
@@ -59,6 +59,7 @@ ITERATIONS = 12
 DAMPING = Damping(initial=0.0, least_after_increase=0.1, decrease=10.0)
 # Focal length of a webcam or a portrait lens, of the picture's longer side.
 TYPICAL_FOCAL_RATIO = 1.3
+LIP_GAP_SIGMA_MM = 0.3
 
 
 def fit_identity(
@@ -277,3 +278,22 @@ def _weights(sigma_px: float, sigma_ratio: float) -> tuple[float, float]:
     """Of the errors of pixels, and of depths in pixels.  sigma_px: of a landmark."""
     weight = 1 / (sigma_ratio * sigma_px)
     return weight, weight * (LANDMARK_SIGMA / DEPTH_SIGMA)
+
+
+def lip_closure_constraints(
+    index: Indices, neutral: Array, generic: Array, aau: Array, residual: Array
+) -> tuple[Array, Array]:
+    """Rows (15, 11 + 3 k) and residuals (15,), in sigmas: the lips' gap at rest equals `generic`'s.
+
+    index: (m,) ascending, indices of the points in the network.  neutral, generic: (m, 3) mm, of
+    the person and of the generic head.  aau: (11, m, 3) mm.  residual: (k, m) weight of each
+    control point.  Columns: AAUs, then x, y, z of each control point.
+    """
+    upper, lower = (np.searchsorted(index, points) for points in INNER_LIP_PAIRS)
+    aau_columns = np.moveaxis(aau[:, upper] - aau[:, lower], 0, 2)
+    weight = residual[:, upper] - residual[:, lower]
+    controls = np.einsum("km,ij->mikj", weight, np.eye(3)).reshape(len(upper), 3, -1)
+    rows = np.concatenate([aau_columns, controls], 2)
+    displacement = neutral - generic
+    gap = (displacement[lower] - displacement[upper]).ravel()
+    return rows.reshape(-1, rows.shape[2]) / LIP_GAP_SIGMA_MM, gap / LIP_GAP_SIGMA_MM

@@ -1,4 +1,7 @@
-"""Fits the face in a sample of frames and samples its texture, without a person model."""
+"""Fits the face in a sample of frames, and samples its texture and finds the main modes of it.
+
+There is no person model yet.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,7 +18,6 @@ from encoder.capture.face_crop import Crop
 from encoder.detection.landmark_indices import face_outline
 from encoder.fitting.analysis_by_synthesis import NOMINAL_TEXELS, TexelFitter, solve_coefficients
 from encoder.fitting.render_and_compare import ImageFitter
-from encoder.learning.pca import luma_modes, make_template
 from protocol.pictures.picture_codec import to_luma
 from runtime.parallel import parallel_map
 from shared_model.animate import Face
@@ -139,3 +141,25 @@ def super_resolved(
 
     views = zip(crops, faces, samples.colours, samples.visible, strict=True)
     return replace(samples, colours=np.array(parallel_map(sharpen, views, workers)))
+
+
+def luma_modes(samples: TextureSamples, mean: Single, count: int) -> Single:
+    """The leading `count` principal components (count, k) of luma samples about `mean` (k, 1).
+
+    The components have unit length in the metric of the samples' texel weights.
+    """
+    if not count:
+        return np.zeros((0, len(mean)), np.float32)
+    residual = (samples.colours - mean)[..., 0] * samples.visible
+    root = np.sqrt(np.maximum(samples.weight, 1e-6))
+    rows = np.asarray(residual * root, np.float32)
+    # Frames are fewer than texels: the Gram matrix of the frames is smaller than an SVD's input.
+    _, vectors = np.linalg.eigh((rows @ rows.T).astype(np.float64))
+    modes = vectors[:, : -count - 1 : -1].T.astype(np.float32) @ rows
+    lengths = np.maximum(np.linalg.norm(modes, axis=1, keepdims=True), 1e-6)
+    return np.asarray(modes / lengths / root, np.float32)
+
+
+def make_template(samples: TextureSamples, mean: Single, modes: Single) -> Template:
+    """The template of a mean (k, 1) and modes (m, k), luma, with the weights of the samples."""
+    return Template(mean[:, 0], modes, samples.weight)

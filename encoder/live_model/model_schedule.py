@@ -1,9 +1,13 @@
-"""When a live call's model is trained again, and how its reserved modes are spread over time."""
+"""When a live call's model is trained again, from which frames, and how its reserved modes are
+spread over time.
+"""
 
 import math
 from collections.abc import Mapping
 
+from encoder.learning.frame_sampler import UniformSubsampler
 from encoder.live_model.model_version import RESERVED_MODES
+from shared_model.arrays import Array, Picture
 
 # The number of reserved modes used by time t is proportional to (t / T) ** this, T being the time
 # from one update to the next: a quarter of the time takes half of them.  On all 200 s of franck, .5
@@ -49,3 +53,29 @@ class ModelSchedule:
         passed = (faces / self._fps - self._last_s) / period_s
         used = math.pow(min(max(passed, 0.0), 1.0), MODE_SPENDING_EXPONENT)
         return round(RESERVED_MODES * (1 - used))
+
+
+class TrainingFrames:
+    """A uniform subsample of the frames with a face, and their landmarks.
+
+    least: number of frames to train from; there are up to twice as many.
+    """
+
+    def __init__(self, least: int) -> None:
+        self._least = least
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin again: the next frames are of somebody else."""
+        self._sampler = UniformSubsampler[tuple[Picture, Array]](self._least)
+        self._count = 0
+
+    def offer(self, picture: Picture, points: Array) -> None:
+        """Take or leave a frame with its landmarks (468, 3), pixels."""
+        self._sampler.offer(self._count, lambda: (picture.copy(), points))
+        self._count += 1
+
+    def sample(self) -> tuple[list[Picture], list[Array]]:
+        """The frames to train from, and the landmarks of each."""
+        kept = [each for _, each in self._sampler.frames]
+        return [picture for picture, _ in kept], [points for _, points in kept]

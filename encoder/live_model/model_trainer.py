@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 
 from encoder.capture.video_source import VideoFormat
-from encoder.coding.background import BackgroundImage, EncodeBackground, encoded_in_a_thread
+from encoder.coding.background import (
+    BackgroundImage,
+    EncodeBackground,
+    background_in_light,
+    encoded_in_a_thread,
+)
 from encoder.coding.distortion import distortion_of
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget, build_model_packet, call_parameters
@@ -34,7 +39,6 @@ from encoder.learning.hidden_faces import (
     without_hands,
 )
 from encoder.learning.person_model import PersonModelOptions, TrainedModel, build_person_model
-from encoder.live_model.background_light import background_in_light
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion, live_distortion
 from encoder.live_model.pacing import LAYER_UPDATES
 from protocol.call_parameters import CallParameters

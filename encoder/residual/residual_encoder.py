@@ -7,18 +7,25 @@ import numpy as np
 
 from encoder.coding.rate_control import RESERVOIR_S
 from encoder.picture_coding.quantiser_search import finest_quantiser_within
+from encoder.picture_coding.symbol_writing import DecisionRecorder, Decisions, range_coded
 from encoder.residual.forward_transform import forward_transform
 from encoder.residual.quantiser import quantise_tiles
-from encoder.residual.residual_writing import serialise_tiles
 from protocol.call_parameters import CallParameters
+from protocol.entropy.integer_codes import code_bits
 from protocol.entropy.varint import encode_varint
 from protocol.limits import MAX_FRAME_PAYLOAD_BYTES
 from protocol.picture_residual.residual_block import (
+    STEP_BITS,
     ResidualTiles,
     fits_limits,
     step_size,
     tile_grid,
     tile_side,
+)
+from protocol.picture_residual.tile_coding import (
+    REGISTERS,
+    code_tiles,
+    initial_probabilities,
 )
 from shared_model.arrays import Mask, Single
 
@@ -32,6 +39,7 @@ FACE_SHARE, EXTENSION_TILES, MIN_SHARE = 0.7, 1, 0.05
 # Codes of the step: the finest, the one tried first, the coarsest; and in how many bits halve.
 FINEST, INITIAL, COARSEST = 8, 32, 44
 CODES_PER_HALVING = 2.5
+_NOTHING = np.zeros(0, np.uint8)
 
 
 def faces_bitrate(bitrate: float) -> float:
@@ -116,3 +124,31 @@ def _extended(difference: Single, face_area: Single) -> Single:
     total = cv2.blur(kept, (side, side))
     share = cv2.blur(weight, (side, side))[..., None]
     return np.asarray(kept + (1 - weight) * total / np.maximum(share, MIN_SHARE), np.float32)
+
+
+def serialise_tiles(tiles: ResidualTiles) -> bytes:
+    """The bytes of a block, see `residual_block`; empty if no tile has values."""
+    if not tiles.flags.any():
+        return b""
+    header = DecisionRecorder()
+    code_bits(header, tiles.step_code, STEP_BITS)
+    return range_coded([header.recorded(), tile_decisions(tiles)])
+
+
+def tile_decisions(tiles: ResidualTiles) -> Decisions:
+    """The decisions that code the tiles."""
+    registers = np.zeros(REGISTERS, np.int64)
+    registers[-1] = 1
+    decisions = np.zeros((2, _most_decisions(tiles)), np.int64)
+    probabilities = initial_probabilities().copy()
+    flags, values = tiles.flags.copy(), tiles.values.copy()
+    code_tiles(_NOTHING, registers, decisions, probabilities, flags, values)
+    bits, zeros = decisions[:, : registers[-2]]
+    return bits, zeros
+
+
+def _most_decisions(tiles: ResidualTiles) -> int:
+    """No fewer than the decisions of the tiles."""
+    coded = tiles.values[tiles.flags > 0]
+    of_values = int(np.minimum(np.abs(coded.astype(np.int64)), 48).sum()) + 2 * coded.size
+    return 2 * int(tiles.flags.size) + of_values + 32 * int(coded.shape[1]) * len(coded) + 64

@@ -4,10 +4,10 @@ Mode 700C goes as it is.  In mode 1200 what is frequent has the shorter codes.
 `assets/train_voice_codes` made them; protocol/data/README.md says from which speech.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from protocol.voice.bit_string import BitReader, BitWriter
-from protocol.voice.prefix_code import PrefixCode
 
 # Bits of a frame of 40 ms of each mode, as Codec2 gives it.
 CODEC2_BITS = {"700C": 28, "1200": 48}
@@ -38,6 +38,42 @@ SPECTRUM_LENGTHS = tuple(
         "8aab99aac9a98b8aa9aa9bbb9aba87999a9b9b899ba9a98a8b9baaa8aaab89ba"
     )
 )
+
+
+class PrefixCode:
+    """Codes of the symbols 0 to n - 1.
+
+    Shorter codes come first, among those of one length that of the smaller symbol; each is the
+    number after the one before, with zeros behind it where it is longer.
+
+    lengths: bits of each symbol's code, at least 1.  Raises `ValueError` unless every sequence of
+        bits begins with a code.
+    """
+
+    def __init__(self, lengths: Sequence[int]) -> None:
+        if sum(1 << (max(lengths) - length) for length in lengths) != 1 << max(lengths):
+            raise ValueError(f"no complete prefix code has the lengths {lengths}")
+        self._lengths = tuple(lengths)
+        self._codes = [0] * len(lengths)
+        self._symbols: dict[tuple[int, int], int] = {}  # by length and code
+        code = before = 0
+        for length, symbol in sorted((length, i) for i, length in enumerate(lengths)):
+            code <<= length - before
+            self._codes[symbol], self._symbols[length, code] = code, symbol
+            code, before = code + 1, length
+
+    def put(self, symbol: int, writer: BitWriter) -> None:
+        """Write the code of a symbol."""
+        writer.put(self._codes[symbol], self._lengths[symbol])
+
+    def take(self, reader: BitReader) -> int:
+        """The symbol whose code comes next.  Raises `ValueError` if it is cut off."""
+        length = code = 0
+        while (length, code) not in self._symbols:
+            length, code = length + 1, code << 1 | reader.take(1)
+        return self._symbols[length, code]
+
+
 _VOICING, _PITCH_ENERGY = PrefixCode(VOICING_LENGTHS), PrefixCode(PITCH_ENERGY_LENGTHS)
 _SPECTRUM = PrefixCode(SPECTRUM_LENGTHS)
 

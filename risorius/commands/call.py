@@ -16,7 +16,7 @@ from shared_model.errors import UserError
 
 if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
-    from risorius.live_call.call_options import CallOptions
+    from risorius.live_call.live_call import CallOptions
     from shared_model.arrays import Picture
 
 NO_MICROPHONE = "off"
@@ -122,8 +122,8 @@ def run_call(arguments: argparse.Namespace) -> int:
 
 
 def _options(arguments: argparse.Namespace) -> "CallOptions":
-    from risorius.live_call.call_options import CallOptions
     from risorius.live_call.devices import check_devices
+    from risorius.live_call.live_call import CallOptions
     from risorius.page.access import check_port
 
     face = _other_face(arguments)

@@ -11,8 +11,8 @@ import numpy as np
 from encoder.capture.live_capture import FrameMailbox, LiveCapture, read_camera
 from encoder.capture.picture_size import reduced
 from encoder.capture.video_source import Capture, open_source
-from encoder.sound.file_microphone import FileMicrophone
 from encoder.sound.live_speech import LiveSpeech
+from encoder.sound.microphones import FileMicrophone
 from encoder.sound.speech_encoder import speech_rate_hz
 from encoder.sound.voice_packer import VoicePacker
 from risorius.live_call.messages import (
@@ -118,7 +118,7 @@ class Devices:
             path = Path(self._media.camera)
             self._file_microphone = FileMicrophone(path, self._speech.rate_hz, self._hear)
         else:
-            from encoder.sound.host_microphone import open_host_microphone
+            from encoder.sound.microphones import open_host_microphone
 
             self._host_microphone = open_host_microphone(name, self._speech.rate_hz, self._hear)
 
@@ -136,7 +136,7 @@ def check_devices(camera: str, microphone: str | None, voice: str) -> None:
         open_source(camera).close()
     if voice == "off" or microphone in (None, BROWSER, CAMERA_SOUND):
         return
-    from encoder.sound.host_microphone import open_host_microphone
+    from encoder.sound.microphones import open_host_microphone
 
     open_host_microphone(
         str(microphone), speech_rate_hz(voice), lambda samples, time_s: None

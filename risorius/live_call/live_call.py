@@ -6,7 +6,7 @@ import signal
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -23,7 +23,6 @@ from risorius.call_page.face_message import FaceMessage, ModelMessage
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_clock import PageClock
 from risorius.call_page.page_server import PageServer
-from risorius.live_call.call_options import CallOptions
 from risorius.live_call.call_place import own_address
 from risorius.live_call.call_status import CallStatus
 from risorius.live_call.invitation_card import card, watch_address
@@ -37,6 +36,7 @@ from risorius.live_call.messages import (
     FromPart,
     Heard,
     MicrophoneSound,
+    OwnMedia,
     Presence,
     Receiving,
     Record,
@@ -59,6 +59,28 @@ SELF_FPS = 8.0
 # Both ends have two connections here; others may watch along.
 MAX_PEERS = 16
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@dataclass(frozen=True, slots=True)
+class CallOptions:
+    """A call both ways.
+
+    link: to the other end, by the call's name, which its two directions add to.
+    invitation: what the page shows to hand over while nobody has called; None: nothing.
+    port: TCP port of the page; 0: any free one.
+    folder: where recordings go.
+    person: name of who is here, as the other end shows it; empty: none.
+    share: TCP port of the page by which browsers elsewhere watch this end, which listens; None:
+        there is none.
+    """
+
+    link: LinkOptions
+    invitation: str | None
+    media: OwnMedia
+    port: int
+    folder: Path
+    person: str = ""
+    share: int | None = None
 
 
 def run_call(

@@ -11,6 +11,7 @@ from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.pipeline import EncodeRun, encode_live
 from protocol.link.interface import MessageCallback, PacketSink
+from protocol.packets import PacketKind, packet_kind
 from risorius.live_call.devices import Devices
 from risorius.live_call.messages import (
     Device,
@@ -21,7 +22,6 @@ from risorius.live_call.messages import (
     ToSender,
 )
 from risorius.live_call.packets.recorder import CallRecorder
-from risorius.live_call.packets.sent_face import SentFace
 from risorius.live_call.packets.traffic_meter import MeteredSink, TrafficMeter
 from risorius.live_call.part_connection import PartConnection
 from runtime.parallel import short_switch_interval
@@ -127,3 +127,31 @@ class _Sent:
     def _note(self, packet: bytes) -> None:
         self._face.add(packet)
         self._recorder.add(packet)
+
+
+class SentFace:
+    """Gets every packet of a live call.
+
+    preparing: what the encoder prepares before it looks for a face; "": nothing.
+    words: for the user.
+    """
+
+    def __init__(self) -> None:
+        self.preparing = ""
+        self._models = self._details = 0
+
+    def add(self, packet: bytes) -> None:
+        """Take a serialised packet."""
+        kind = packet_kind(packet)
+        if kind is PacketKind.MODEL:
+            self._models += 1
+        elif kind is PacketKind.LAYER:
+            self._details += 1
+
+    @property
+    def words(self) -> str:
+        """See the class."""
+        if not self._models:
+            return self.preparing or "looking for your face"
+        times = "" if self._models == 1 else f" {self._models} times"
+        return f"face learned{times}, {self._details} details"

@@ -9,13 +9,14 @@ import numpy as np
 
 from aam.charts import Line, Panel, chart_svg
 from loopback.bench import ClipFailure, check_recorded, output_names
+from loopback.quality.emotion_agreement import shown_emotions
 from loopback.report import Cell, rounded
 from risorius.face_track import FaceTrack, track
-from risorius.track_bench.expression_errors import ExpressionComparison, compare_expressions
 from risorius.track_bench.pose_errors import ANGLES, PoseComparison, compare_poses
 from risorius.track_bench.pose_truth import find_pose_truth
 from risorius.track_bench.unit_labels import UnitLabels, find_unit_labels
 from risorius.track_bench.unit_scores import UnitScore, unit_scores
+from shared_model.arrays import Array
 from shared_model.errors import UserError
 from shared_model.parameters import EAU_INDEX, EAUS, THESIS_EAUS
 
@@ -35,6 +36,26 @@ class TrackBenchOptions:
     aam: str | None = None
     aam_feedback: bool = False
     max_frames: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExpressionComparison:
+    """found, truth: (t, len(EAUS)) actuators; nan in `found` without a face."""
+
+    found: Array
+    truth: Array
+
+    @property
+    def rms(self) -> Array:
+        """(len(EAUS),) root mean square errors (eq. 5.1)."""
+        return np.asarray(np.sqrt(np.nanmean((self.found - self.truth) ** 2, axis=0)))
+
+    @property
+    def same_emotion(self) -> float:
+        """Share of the frames with a face that show the true emotion, or none as the truth does."""
+        there = np.isfinite(self.found[:, 0])
+        found, truth = (shown_emotions(each[there]) for each in (self.found, self.truth))
+        return float((found == truth).mean())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,3 +204,9 @@ def _figures(clip: ClipTrack) -> dict[str, Any]:
         figures["eau_rms"] = {eau.name: rounded(float(v), 4) for eau, v in pairs}
         figures["same_emotion"] = rounded(expressions.same_emotion, 4)
     return figures
+
+
+def compare_expressions(found: Array, truth: Array) -> ExpressionComparison:
+    """Compare the frames that both have."""
+    count = min(len(found), len(truth))
+    return ExpressionComparison(found[:count], truth[:count])

@@ -7,7 +7,7 @@ import pytest
 from sounds import voiced_sound, write_wave
 
 from assets.train_voice_codes.__main__ import code_lengths, main
-from protocol.voice.prefix_code import PrefixCode
+from protocol.voice.codec2_bits import PrefixCode
 from shared_model.errors import UserError
 
 

@@ -39,10 +39,9 @@ MAY_IMPORT = {
 IMPORTERS = {
     "ai_edge_litert": {"encoder/detection/tflite.py"},
     "av": {
-        "decoder/sinks/matroska_aspect.py",
+        "decoder/sinks/video_file.py",
         "decoder/sinks/sound_file.py",
         "decoder/sinks/sound_stream.py",
-        "decoder/sinks/video_file.py",
         "decoder/sound/speech_decoder.py",
         "encoder/capture/containers.py",
         "encoder/capture/deinterlacer.py",

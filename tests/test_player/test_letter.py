@@ -29,7 +29,7 @@ from loopback.quality.psnr import squared_error
 from protocol.summary import summarise
 from risorius.cli import main
 from risorius.command_line.parser import INTERRUPTED
-from risorius.letter.letter_page import letter_page
+from risorius.letter.letter_file import letter_page
 from shared_model.arrays import Picture
 
 Capture = pytest.CaptureFixture[str]

@@ -9,9 +9,9 @@ from processes import error_line
 
 from risorius.animation.animate import animate
 from risorius.cli import main
-from risorius.track_bench.expression_errors import compare_expressions
 from risorius.track_bench.pose_errors import compare_poses
 from risorius.track_bench.pose_truth import find_pose_truth
+from risorius.track_bench.track_bench import compare_expressions
 from risorius.track_bench.truth_files import matching_key, source_names
 from risorius.track_bench.unit_labels import UnitLabels, find_unit_labels
 from risorius.track_bench.unit_scores import unit_scores

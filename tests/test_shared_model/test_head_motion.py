@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from heads import synthetic_head
 
-from decoder.rendering.mouth_shading import mouth_shading
+from decoder.scene.scene import mouth_shading
 from shared_model.animate import Face, Identity
 from shared_model.arrays import Array
 from shared_model.geometry import Camera, euler_deg, pixel_from_head, pose_from_euler

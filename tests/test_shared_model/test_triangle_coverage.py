@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from shared_model.appearance import covered_points
 from shared_model.arrays import Array
-from shared_model.triangle_coverage import covered_points
 
 
 def test_a_triangle_covers_its_points_with_their_weights() -> None:

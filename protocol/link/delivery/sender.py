@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Callable, Iterator
 
 from protocol.limits import SEQUENCE_MODULUS
-from protocol.link.delivery.frame_copies import FrameCopies
 from protocol.link.delivery.item_store import ItemStore, Placed
 from protocol.link.delivery.piece_schedule import Peer, PieceSchedule
 from protocol.link.delivery.piece_window import SURE_BPS, PieceWindow
@@ -57,6 +56,8 @@ PADDING_BYTES, MAX_PROBES = 400, 8
 BUSY_S = 1.5
 
 PeerCallback = Callable[[bytes], None]
+# A copy of a packet so far behind the next one might be taken for one that is ahead of it.
+MAX_BEHIND = 12
 
 
 class DeliverySender:
@@ -333,3 +334,21 @@ def _is_to_probe(peer: Peer) -> bool:
 def _before(nonce: int) -> int:
     """The nonce of the message before."""
     return (nonce - 2) % (NONCES - 1) + 1
+
+
+class FrameCopies:
+    """Copies that wait for their time."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[float, int, bytes]] = []
+
+    def add(self, due_s: float, number: int, packet: bytes) -> None:
+        """Send a copy of frame packet `number` at a time."""
+        self._waiting.append((due_s, number, packet))
+
+    def due(self, now_s: float, next_number: int) -> Iterator[bytes]:
+        """Those whose time has come, but for those too far behind."""
+        for due_s, number, packet in self._waiting:
+            if due_s <= now_s and next_number - number <= MAX_BEHIND:
+                yield packet
+        self._waiting = [each for each in self._waiting if each[0] > now_s]

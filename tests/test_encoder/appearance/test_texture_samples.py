@@ -20,8 +20,8 @@ from encoder.learning.appearance_encoder import (
     CodedAppearance,
     encode_appearance,
 )
-from encoder.learning.pca import luma_modes, make_template
 from encoder.learning.person_model import DISOCCLUSION_SHARE, disocclusion_weight
+from encoder.learning.sample_fitting import luma_modes, make_template
 from protocol.pictures.picture_codec import to_luma
 from shared_model.animate import Face, Identity
 from shared_model.appearance import atlas_of

@@ -12,8 +12,8 @@ from conftest import LIVE_MODEL_BYTES, without_layers
 from live_encoders import live_encoder
 
 from decoder.playout.playout import PlayoutFrame
-from encoder.calls.frame_between import FrameBetween, may_lack_landmarks
 from encoder.calls.session_stats import SessionStats
+from encoder.calls.waiting_frames import FrameBetween, may_lack_landmarks
 from encoder.capture.video_source import open_source
 from encoder.detection.landmarks import LandmarkTracker
 from protocol.call_file import CallWriter

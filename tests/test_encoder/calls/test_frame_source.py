@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from encoder.calls.frame_source import FrameDelay, FrameSource, SeenFrame
+from encoder.calls.frame_source import FrameSource
 from encoder.calls.session_stats import SessionStats
+from encoder.calls.waiting_frames import FrameDelay, SeenFrame
 from encoder.capture.video_source import Capture, open_source
 
 

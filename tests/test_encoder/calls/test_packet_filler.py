@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from encoder.calls.packet_filler import PacketFiller
+from encoder.calls.frame_packets import PacketFiller
 from encoder.capture.face_crop import crop_face
 from encoder.learning.face_sample import FaceSample
 from shared_model.geometry import pose_from_euler

@@ -3,8 +3,7 @@
 import cv2
 import numpy as np
 
-from encoder.coding.background import BackgroundImage
-from encoder.live_model.background_light import background_in_light
+from encoder.coding.background import BackgroundImage, background_in_light
 from shared_model.arrays import Picture
 
 PERSON = np.zeros((96, 96), np.bool_)

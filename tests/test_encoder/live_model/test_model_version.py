@@ -13,9 +13,9 @@ from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import BUDGETS
 from encoder.learning.face_sample import FaceSample
 from encoder.learning.incremental_modes import LearnedMode
+from encoder.live_model.model_schedule import TrainingFrames
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion
-from encoder.live_model.training_frames import TrainingFrames
 from encoder.live_model.warm_up import frontal_landmarks
 from shared_model.arrays import Array, Single
 from shared_model.geometry import Camera

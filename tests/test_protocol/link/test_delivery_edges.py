@@ -7,13 +7,18 @@ from deliveries import DECODER, ENCODER, LAYER, added, hello, pieces
 from packets import MODEL
 
 from protocol.errors import ProtocolError
-from protocol.link.delivery.frame_copies import MAX_BEHIND, FrameCopies
 from protocol.link.delivery.frame_numbers import FrameNumbers
 from protocol.link.delivery.item_assembly import ItemAssembly
 from protocol.link.delivery.item_store import ItemStore
 from protocol.link.delivery.piece_window import WHOLE_PIECE_BYTES, PieceWindow, Sent
 from protocol.link.delivery.receiver import DeliveryReceiver
-from protocol.link.delivery.sender import LINGER_S, STALLED_S, DeliverySender
+from protocol.link.delivery.sender import (
+    LINGER_S,
+    MAX_BEHIND,
+    STALLED_S,
+    DeliverySender,
+    FrameCopies,
+)
 from protocol.link.messages import (
     PIECE_BYTES,
     Bye,

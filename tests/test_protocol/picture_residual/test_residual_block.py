@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from packets import VECTORS
 
-from encoder.residual.residual_writing import serialise_tiles
+from encoder.residual.residual_encoder import serialise_tiles
 from protocol.bit_accounting import BitAccounting
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters

@@ -15,10 +15,10 @@ from protocol.voice.codec2_bits import (
     SPECTRUM_LENGTHS,
     VOICING_LENGTHS,
     Fields1200,
+    PrefixCode,
     fields_1200,
     frame_1200,
 )
-from protocol.voice.prefix_code import PrefixCode
 from protocol.voice.voice_block import serialise_frames
 
 PAGE = Path(__file__).parents[3] / "docs" / "format.md"
