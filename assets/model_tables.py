@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from loopback.report import markdown_table
 from shared_model.anatomy.anthropometry import MEASUREMENTS, measure
 from shared_model.anatomy.expressions import DOWN, UP
 from shared_model.arrays import Array, Mask
@@ -68,10 +69,17 @@ def field_agreement(field: Array, target: Array, where: Mask) -> tuple[float, fl
 
 def eau_table(head: Head, reference: Mapping[str, Array]) -> str:
     """Markdown: actuator, AU, muscles, range, largest displacement, agreement with the target."""
-    lines = [
-        "| actuator | AU | what pulls | at | largest, mm | CC0 target | cosine | RMS, mm |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    header = (
+        "actuator",
+        "AU",
+        "what pulls",
+        "at",
+        "largest, mm",
+        "CC0 target",
+        "cosine",
+        "RMS, mm",
+    )
+    lines = list[list[str]]()
     where = face_skin(head)
     for eau in EAUS:
         ends = (("+", eau.high, head.eau_up, UP), ("-", eau.low, head.eau_down, DOWN))
@@ -87,25 +95,22 @@ def eau_table(head: Head, reference: Mapping[str, Array]) -> str:
                 cells += [" + ".join(COUNTERPARTS[key]), f"{cosine:.2f}", f"{rms:.2f}"]
             else:
                 cells += ["", "", ""]
-            lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+            lines.append(cells)
+    return markdown_table(header, lines)
 
 
 def aau_table(head: Head) -> str:
     """Markdown: each AAU's measurement, its adults, and what it does to every measurement."""
     before = measure(head.vertices, head.landmarks)
-    lines = [
-        "| AAU | measures | generic head | adults, mean (sd) | " + " | ".join(AAUS) + " |",
-        "|---" * (4 + len(AAUS)) + "|",
-    ]
+    lines = list[list[str]]()
     for measurement, field in zip(MEASUREMENTS, head.aau, strict=True):
         after = measure(head.vertices + field, head.landmarks)
         changes = [f"{after[name] - before[name]:+.1f}" for name in AAUS]
         spread = f"{measurement.mean_mm:.1f} ({measurement.deviation_mm:.1f})"
         own = f"{before[measurement.name]:.1f}"
         cells = [measurement.name, "-".join(measurement.ends), own, spread, *changes]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append(cells)
+    return markdown_table(["AAU", "measures", "generic head", "adults, mean (sd)", *AAUS], lines)
 
 
 def write_tables(path: Path, name: str, table: str) -> None:

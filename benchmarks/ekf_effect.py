@@ -14,13 +14,15 @@ import numpy as np
 from aam.charts import NEEDED, Line, Panel, chart_svg, has_charts
 from benchmarks.command import run, warn
 from encoder.thesis.model_tracker import TRACKER_PARTS
-from loopback.report import write_report
+from loopback.report import markdown_line, markdown_table, write_report
 from risorius.face_track import FaceTrack, track
 from shared_model.arrays import Array
 from shared_model.parameters import EAU_INDEX, THESIS_EAUS
 
 EKF = "ekf"
 LABELS = ("without EKF", "with EKF")
+
+HEADER = ("clip", "EAU", "", "N", "min", "max", "mean", "sd", "restlessness")
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -37,7 +39,7 @@ def main(arguments: Sequence[str]) -> None:
         help="parts of the tracker that are left out of both",
     )
     options = parser.parse_args(arguments)
-    print(f"| clip | EAU | | N | min | max | mean | sd | restlessness |\n{'|---' * 9}|")
+    print(markdown_table(HEADER, []))
     for source in options.source:
         tracks = {
             label: track(source, options.frames, without=[*options.without, *left_out])
@@ -60,8 +62,8 @@ def table_rows(name: str, tracks: Mapping[str, FaceTrack], eaus: Sequence[str]) 
             values = found.eau[:, EAU_INDEX[eau]]
             there = values[np.isfinite(values)]
             numbers = (there.min(), there.max(), there.mean(), there.std(), restlessness(values))
-            cells = " | ".join(f"{number:.3f}" for number in numbers)
-            lines.append(f"| {name} | {eau} | {label} | {len(there)} | {cells} |")
+            cells = [f"{number:.3f}" for number in numbers]
+            lines.append(markdown_line([name, eau, label, len(there), *cells]))
     return lines
 
 

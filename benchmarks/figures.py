@@ -22,6 +22,7 @@ from loopback.bench import check_recorded, mean_figures
 from loopback.curves.curve_bench import OURS, Duel, duel_rows
 from loopback.curves.curve_page import mean_figure
 from loopback.curves.points import MEASURES, Point
+from loopback.report import markdown_table
 from loopback.report_page import plotly_graphs
 from shared_model.errors import UserError
 
@@ -172,8 +173,7 @@ def _figures(clip: Mapping[str, Any], columns: Mapping[str, tuple[str, int]]) ->
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [list(header), ["---"] * len(header), *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    return f"{markdown_table(header, rows)}\n"
 
 
 def _number(value: float | None, digits: int) -> str:

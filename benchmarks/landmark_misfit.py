@@ -19,6 +19,7 @@ from encoder.detection.tflite import find_network_folder
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity
 from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, landmark_model, personalise
+from loopback.report import markdown_table
 from shared_model.arrays import Array
 from shared_model.geometry import pixel_from_head
 from shared_model.mesh import generic_head
@@ -97,10 +98,10 @@ def main(arguments: Sequence[str]) -> None:
             left = residual_motion(personal, fitted, landmarks, active)
             mean = [float((left[:, where] ** 2).sum(2).mean()) for where in regions.values()]
             squares[name].append(mean)
-    print("| actuators | " + " | ".join(f"{name}, mm" for name in regions) + " |")
-    print("|---" * (1 + len(regions)) + "|")
-    for name, rows in squares.items():
-        print(f"| {name} | " + " | ".join(f"{v:.2f}" for v in np.sqrt(np.mean(rows, 0))) + " |")
+    lines = [
+        [name, *(f"{v:.2f}" for v in np.sqrt(np.mean(rows, 0)))] for name, rows in squares.items()
+    ]
+    print(markdown_table(["actuators", *(f"{name}, mm" for name in regions)], lines))
 
 
 if __name__ == "__main__":

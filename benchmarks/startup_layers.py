@@ -21,6 +21,7 @@ from encoder.coding.progressive_model import LayeredModel
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from loopback.quality.video_quality import face_mask_finder, measure_quality
+from loopback.report import markdown_table
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_records import serialise_records
 from protocol.entropy.varint import decode_varint
@@ -130,21 +131,20 @@ def unlayered_bytes(call: LayeredCall) -> int:
 
 def markdown(tables: dict[str, list[TableRow]]) -> str:
     """A table of all clips with a row for each number of layers."""
-    names = list(tables)
-    head = " | ".join(f"{name}: bytes | s | dB" for name in names)
-    lines = [f"| received | {head} |", "|---" * (1 + 3 * len(names)) + "|"]
+    head = [each for name in tables for each in (f"{name}: bytes", "s", "dB")]
+    lines = list[list[str]]()
     labels = {0: "base layer", 1: "+ texture", 2: "+ background", 3: "+ 1 mode"}
     counts = sorted({row.layers for rows in tables.values() for row in rows})
     for count in counts:
-        cells = []
+        cells = [labels.get(count, f"+ {count - 2} modes")]
         for rows in tables.values():
             row = next((row for row in rows if row.layers == count), None)
-            cells.append(
-                f"{row.bytes} | {row.seconds:.1f} | {row.face_psnr_db:.1f}" if row else " |  | "
-            )
-        label = labels.get(count, f"+ {count - 2} modes")
-        lines.append(f"| {label} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+            if row is None:
+                cells += [""] * 3
+            else:
+                cells += [str(row.bytes), f"{row.seconds:.1f}", f"{row.face_psnr_db:.1f}"]
+        lines.append(cells)
+    return markdown_table(["received", *head], lines)
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.command import run, warn
 from encoder.capture.video_source import open_source
 from encoder.thesis.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, open_tracker
-from loopback.report import write_report
+from loopback.report import markdown_table, write_report
 from loopback.report_page import chart, environment, page, plotly_graphs
 from risorius.animation.animate import animate
 from risorius.statistical_model import expression_search, landmark_source
@@ -220,21 +220,20 @@ def errors(tracked: TrackedValues, truth: Mapping[str, Any]) -> dict[str, Any]:
 def error_table(figures: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
     """A table of the errors of each configuration and call, their mean, and the thesis' errors."""
     names = [*ANGLES, *(name.replace("_", " ") for name in THESIS_EAUS), "lost %", "focal %"]
-    lines = ["| | caller | " + " | ".join(names) + " |", "|---" * (len(names) + 2) + "|"]
-    lines.append(f"| thesis | | {_cells(THESIS_RMSE)} | | |")
+    lines = [["thesis", "", *_cells(THESIS_RMSE), "", ""]]
     for name in next(iter(figures.values())):
         rows = {caller: of[name] for caller, of in figures.items()}
         for caller, row in rows.items():
-            cells = f"{_cells(row['rmse'])} | {100 * row['lost']:.1f} | {row['focal_percent']:+.1f}"
-            lines.append(f"| {name} | {caller} | {cells} |")
+            more = f"{100 * row['lost']:.1f}", f"{row['focal_percent']:+.1f}"
+            lines.append([name, caller, *_cells(row["rmse"]), *more])
         for what, key in (("mean", "rmse"), ("mean, less offset", "about_mean")):
             mean = np.mean([row[key] for row in rows.values()], axis=0)
-            lines.append(f"| {name} | {what} | {_cells(mean)} | | |")
-    return "\n".join(lines)
+            lines.append([name, what, *_cells(mean), "", ""])
+    return markdown_table(["", "caller", *names], lines)
 
 
-def _cells(row: Sequence[float]) -> str:
-    return " | ".join(f"{v:.2f}" if i < 3 else f"{v:.3f}" for i, v in enumerate(row))
+def _cells(row: Sequence[float]) -> list[str]:
+    return [f"{v:.2f}" if i < 3 else f"{v:.3f}" for i, v in enumerate(row)]
 
 
 def write_charts(stem: Path, truth: Mapping[str, Any], found: Mapping[str, TrackedValues]) -> None:

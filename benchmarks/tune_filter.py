@@ -27,6 +27,7 @@ from benchmarks.track_synthetic import (
     write_script,
 )
 from encoder.thesis.ekf import Estimate, FaceFilter, Measurements, ProcessNoise
+from loopback.report import markdown_line, markdown_table
 from shared_model.parameters import THESIS_EAUS
 
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -47,7 +48,7 @@ def main(arguments: Sequence[str]) -> None:
     script = write_script(options.out, options.frames, options.yaw)
     sequences = [render_sequence(script, call, options.out) for call in options.call]
     names = [*ANGLES, *(name.replace("_", " ") for name in THESIS_EAUS), "lost %"]
-    print(f"| Q | R | {' | '.join(names)} |\n{'|---' * (len(names) + 2)}|")
+    print(markdown_table(["Q", "R", *names], []))
     for q in options.q:
         for r in options.r:
             with tuned(q, r):
@@ -55,7 +56,7 @@ def main(arguments: Sequence[str]) -> None:
                     errors(track_video(video, CONFIGURATIONS[options.configuration]), truth)
                     for video, truth in sequences
                 ]
-            print(f"| {q:g} | {r:g} | {cells(found)} |", flush=True)
+            print(markdown_line([f"{q:g}", f"{r:g}", *cells(found)]), flush=True)
 
 
 @contextmanager
@@ -83,12 +84,12 @@ def scaled(value: Any, factor: float) -> Any:
     return replace(value, **{name: factor * each for name, each in deviations.items()})
 
 
-def cells(found: Sequence[dict[str, Any]]) -> str:
+def cells(found: Sequence[dict[str, Any]]) -> list[str]:
     """The cells of a line: means over the calls."""
     values = np.mean([each["rmse"] for each in found], axis=0)
     lost = 100 * float(np.mean([each["lost"] for each in found]))
     texts = [f"{v:.2f}" if i < len(ANGLES) else f"{v:.3f}" for i, v in enumerate(values)]
-    return " | ".join([*texts, f"{lost:.1f}"])
+    return [*texts, f"{lost:.1f}"]
 
 
 if __name__ == "__main__":

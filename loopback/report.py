@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args, get_type_hints
@@ -106,6 +106,17 @@ def wrapped_table(
         parts[-1] = wider
     tables = [table([header[i] for i in p], [[row[i] for i in p] for row in rows]) for p in parts]
     return "\n\n".join(tables)
+
+
+def markdown_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table of Markdown, without a line break at its end."""
+    lines = map(markdown_line, (header, *rows))
+    return "\n".join([next(lines), "|---" * len(header) + "|", *lines])
+
+
+def markdown_line(cells: Iterable[object]) -> str:
+    """A line of a table of Markdown."""
+    return "".join(f"| {cell} " if cell else "| " for cell in map(str, cells)) + "|"
 
 
 def _width(header: Sequence[str], rows: Sequence[Sequence[Cell]], columns: Sequence[int]) -> int:

@@ -22,5 +22,5 @@ print(clip_path(CARPHONE, Path()))')
 "$risorius" decode call.rzo -o decoded.mkv
 "$risorius" letter call.rzo -o letter.html
 # What a relay serves to browsers that watch; its server, aiohttp, is not installed here.
-"$folder/venv/bin/python" -c 'from risorius.page.player_parts import *
+"$folder/venv/bin/python" -c 'from risorius.page.player_parts import WATCH_PAGE, WATCH_PARTS, player_part
 assert all(map(player_part, (WATCH_PAGE, *WATCH_PARTS)))'

@@ -6,7 +6,7 @@ from itertools import takewhile
 from typing import Any
 
 from benchmarks.reliability.figures import percentile
-from loopback.report import Cell
+from loopback.report import Cell, markdown_line
 
 COLUMNS = (
     *("link", "up s", "first s", "dB", "lost", "came %", "median", "p95"),
@@ -48,7 +48,7 @@ def cells_of(name: str, calls: Sequence[dict[str, Any]]) -> list[Cell]:
 
 def markdown_lines(rows: Sequence[Sequence[Cell]]) -> dict[str, str]:
     """A line of a Markdown table for each row, by the row's name; None is a dash."""
-    return {str(row[0]): f"| {' | '.join(map(_text, row))} |" for row in rows}
+    return {str(row[0]): markdown_line(map(_text, row)) for row in rows}
 
 
 def replaced(text: str, clip: str, lines: Mapping[str, str]) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from benchmarks.validate_aam.prediction_experiments import PredictionCurve
 from benchmarks.validate_aam.search_experiments import Generalisation
 from benchmarks.validate_aam.units.outcomes import OUTCOMES, Recognition
+from loopback.report import markdown_table
 from shared_model.arrays import Array
 
 # Table 2.5: percent and degrees.
@@ -40,8 +41,7 @@ def thesis_percent(count: int, shown: int) -> float:
 
 def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """A Markdown table."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines) + "\n"
+    return f"{markdown_table(head, rows)}\n"
 
 
 def pose_table(curves: Mapping[str, Mapping[str, Sequence[PredictionCurve]]]) -> str:

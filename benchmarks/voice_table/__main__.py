@@ -14,6 +14,7 @@ from typing import Any
 from benchmarks.command import run
 from benchmarks.voice_table.chain import measure
 from encoder.sound.sound_file import has_sound
+from loopback.report import markdown_table
 from protocol.limits import VOICES
 from shared_model.errors import UserError
 
@@ -23,18 +24,14 @@ def table(paths: Sequence[Path]) -> str:
     head = ["codec"]
     for path in paths:
         head += [f"{path.stem}: ESTOI", f"{path.stem}: bit/s"]
-    lines = [_line(head), "|---" * len(head) + "|"]
+    rows = list[list[str]]()
     for voice in VOICES[1:]:
         cells = [voice]
         for path in paths:
             intelligibility, rate_bps = measure(path, voice)
             cells += [f"{intelligibility:.3f}", f"{rate_bps:.0f}"]
-        lines.append(_line(cells))
-    return "\n".join(lines)
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
+        rows.append(cells)
+    return markdown_table(head, rows)
 
 
 def main(arguments: Sequence[str]) -> None:

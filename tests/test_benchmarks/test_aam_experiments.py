@@ -381,7 +381,7 @@ def test_better_is_counted_picture_by_picture() -> None:
     other = Generalisation(np.array([2.0, 3, 4, 1]), np.zeros(4))
     assert one.better_than(other) == 0.75
     assert one.right == 0.75
-    assert tables.table(["a"], [[1]]) == "| a |\n| --- |\n| 1 |\n"
+    assert tables.table(["a"], [[1]]) == "| a |\n|---|\n| 1 |\n"
 
 
 def test_what_is_asked_is_told_as_reached_missed_or_in_parts() -> None:

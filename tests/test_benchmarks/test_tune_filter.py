@@ -44,7 +44,7 @@ def test_only_the_process_noise_is_scaled() -> None:
 
 def test_a_line_is_the_mean_over_the_calls() -> None:
     rows = [{"rmse": [k * 1.0] * 3 + [k * 0.1] * 4, "lost": 0.5 * k} for k in (0, 1)]
-    assert cells(rows) == "0.50 | 0.50 | 0.50 | 0.050 | 0.050 | 0.050 | 0.050 | 25.0"
+    assert " | ".join(cells(rows)) == "0.50 | 0.50 | 0.50 | 0.050 | 0.050 | 0.050 | 0.050 | 25.0"
 
 
 def test_what_is_measured_without_a_factor_is_as_it_was() -> None:
