@@ -38,7 +38,7 @@ from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import LocalLearner
 from encoder.live_model.learning_process import LearningProcess
 from encoder.live_model.other_face import FaceChoice, OtherFace, version_of_picture
-from encoder.live_model.pacing import Pacing, pacing_of
+from encoder.live_model.pacing import pacing_of
 from encoder.option_rules import check_delay
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
@@ -162,7 +162,7 @@ def encode_live(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = No
     waits_for_modes = not (options.two_way or options.low_delay)
     pacing = pacing_of(capture.is_live, options.pace, options.delay_s, waits_for_modes)
     budget = budget_for("live", options.model_bytes)
-    settings = LiveSettings(budget, options.bitrate, gop, options.look_for_face_s)
+    settings = LiveSettings(options.bitrate, gop, options.look_for_face_s)
     own_process = pacing.in_real_time
     with closing(LearningProcess(run.stats.warn) if own_process else LocalLearner()) as learner:
         if isinstance(learner, LearningProcess):
@@ -172,17 +172,18 @@ def encode_live(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = No
             callbacks.on_preparing("")
             _log.info("warmed up")
         # Whoever comes finds an encoder that is ready.
-        early = _wait_for_peer_with_model(run, sink, budget, pacing)
+        trainers = CallTrainers(capture.format, gop, budget, pacing, learner.encode_background)
+        early = _wait_for_peer_with_model(run, sink, trainers)
         packets = run.packets(sink, _pacer(run, sink), voice)
         shown = _shown_face(callbacks.other_face, capture, gop, budget)
         session = LiveEncoder(
-            capture, packets, run.stats, settings, learner, pacing, shown, callbacks.events, early
+            capture, packets, run.stats, settings, trainers, learner, shown, callbacks.events, early
         )
         run_session(session, packets, run)
 
 
 def _wait_for_peer_with_model(
-    run: EncodeRun, sink: PacketSink, budget: ModelBudget, pacing: Pacing
+    run: EncodeRun, sink: PacketSink, trainers: CallTrainers
 ) -> FirstModel | None:
     """See `_wait_for_peer`.  Returns the model that was made meanwhile.
 
@@ -195,7 +196,6 @@ def _wait_for_peer_with_model(
         with dropping_frames(capture):
             _wait_for_peer(options, sink)
         return None
-    trainers = CallTrainers(capture.format, run.gop, budget, progressive=True, pacing=pacing)
     maker = EarlyModelMaker(trainers)
     look = partial(maker.watch, capture) if capture.is_live else partial(maker.read, options.source)
     with beside(look):

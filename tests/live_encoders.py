@@ -8,7 +8,7 @@ from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
 from encoder.coding.gop import gop_for_fps
 from encoder.coding.model_packet import budget_for
-from encoder.live_model.call_trainer import FirstModel
+from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import Learner, LocalLearner
 from encoder.live_model.pacing import pacing_of
 from protocol.link.interface import PacketSink
@@ -32,13 +32,16 @@ def live_encoder(
     early: see `LiveEncoder`.
     clock: by which it may be late; one that stands still unless it is given.
     """
+    gop = gop_for_fps(capture.fps, None)
+    pacing = pacing_of(capture.is_live, realtime, delay_s, waits_for_modes)
+    learner, budget = learner or LocalLearner(), budget_for("live", model_bytes)
     return LiveEncoder(
         capture,
         PacketSender(sink, stats),
         stats,
-        LiveSettings(budget_for("live", model_bytes), 800, gop_for_fps(capture.fps, None), 10),
-        learner or LocalLearner(),
-        pacing_of(capture.is_live, realtime, delay_s, waits_for_modes),
+        LiveSettings(800, gop, 10),
+        CallTrainers(capture.format, gop, budget, pacing, learner.encode_background),
+        learner,
         early=early,
         clock=clock,
     )

@@ -21,6 +21,7 @@ LOOK_INTERVAL_S, REFRESH_INTERVAL_S = 1.0, 10.0
 class EarlyModelMaker:
     """Looks at a source before its frames are encoded.
 
+    Its models are progressive.
     clock: seconds from any origin.
     Raises `UserError` if the networks are missing.
     """
@@ -59,5 +60,5 @@ class EarlyModelMaker:
         if found is None:
             self._model = None
         elif self._model is None or self._clock() >= self._next_model_s:
-            self._model = self._trainers.first_model([picture.copy()], [found.points])
+            self._model = self._trainers.first_model([picture.copy()], [found.points], True)
             self._next_model_s = self._clock() + REFRESH_INTERVAL_S

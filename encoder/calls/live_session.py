@@ -26,7 +26,6 @@ from encoder.calls.waiting_frames import (
 )
 from encoder.capture.video_source import Capture
 from encoder.coding.gop import GopStructure
-from encoder.coding.model_packet import ModelBudget
 from encoder.coding.rate_control import OnlineRateController, RateTarget
 from encoder.learning.absence import AbsenceWatch
 from encoder.learning.face_sample import FaceSample
@@ -34,7 +33,6 @@ from encoder.learning.mode_scheduler import FramePlace
 from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import Learner
 from encoder.live_model.other_face import FaceChoice
-from encoder.live_model.pacing import Pacing
 from encoder.live_model.work_level import WorkLevel
 from shared_model.arrays import Array, Picture
 from shared_model.geometry import interpolate
@@ -49,11 +47,10 @@ START_S, MAX_START_DELAY_S = 2.0, 0.3
 class LiveSettings:
     """What the user wants of a live call.
 
-    budget: of each version of the model.  bitrate: bits per second of the frame packets.
+    bitrate: bits per second of the frame packets.
     look_for_face_s: add a warning if there is no face after this many seconds of video.
     """
 
-    budget: ModelBudget
     bitrate: float
     gop: GopStructure
     look_for_face_s: float
@@ -62,8 +59,8 @@ class LiveSettings:
 class LiveEncoder:
     """A `CallSession` in the default profile that looks at no frame before it comes.
 
+    trainers: of its models; their pacing says what the call may wait for.
     learner: trains and learns; one that is done at once gives the same bytes for the same source.
-    pacing: what the call may wait for.
     shown: whose face is shown; None: the caller's.
     early: the first version of the model, if it was made before the call.
     clock: seconds from any origin.
@@ -75,8 +72,8 @@ class LiveEncoder:
         packets: PacketSender,
         stats: SessionStats,
         settings: LiveSettings,
+        trainers: CallTrainers,
         learner: Learner,
-        pacing: Pacing,
         shown: FaceChoice | None = None,
         events: CallEvents | None = None,
         early: FirstModel | None = None,
@@ -86,6 +83,7 @@ class LiveEncoder:
         fps, coded_fps = float(capture.fps), float(gop.coded_fps(capture.fps))
         self._packets, self._stats, self._gop, self._fps = packets, stats, gop, fps
         self._look_for_face_s, self._clock = settings.look_for_face_s, clock
+        pacing = trainers.pacing
         self._learner, self._pacing = learner, pacing
         self._overload = OverloadController(pacing.frame_limit_s(fps), pacing.max_lag_s)
         self._alternates_landmarks = pacing.alternates_landmarks(coded_fps)
@@ -94,14 +92,6 @@ class LiveEncoder:
         self._first_index = 0  # of the call's source frames
         updates = ModelUpdateSender(packets, stats, gop, fps, pacing.lead_packets)
         self._search, self._absence = CallerSearch(stats), AbsenceWatch()
-        trainers = CallTrainers(
-            capture.format,
-            gop,
-            settings.budget,
-            updates.progressive,
-            pacing,
-            learner.encode_background,
-        )
         self._model = ModelLifecycle(
             fps,
             trainers,

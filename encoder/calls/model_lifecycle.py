@@ -134,7 +134,7 @@ class ModelLifecycle:
         # In real time, and on a thin link, an update brings what takes long.
         is_hurried = self._pacing.in_real_time or self._updates.progressive
         share = self._schedule.first_share(0 if is_hurried else self._faces)
-        return self._trainers.first_model(*self._frames.sample(), share)
+        return self._trainers.first_model(*self._frames.sample(), self._updates.progressive, share)
 
     def learn_modes(
         self,
@@ -202,7 +202,9 @@ class ModelLifecycle:
         self._training, self._awaits_newcomer = None, False
         pictures, points = self._frames.sample()
         with self._stats.stage("train"):
-            trainer = self._trainers.trainer(pictures[0], points[0], self._shown.next_number)
+            trainer = self._trainers.trainer(
+                pictures[0], points[0], self._updates.progressive, self._shown.next_number
+            )
             version = trainer.follow(pictures, points)
         self._learner.begin(trainer)
         self._is_newcomer_announced = True

@@ -28,24 +28,25 @@ class FirstModel:
 class CallTrainers:
     """Makes the trainers of one call.
 
-    video: of the call.  budget, progressive, encode_background: see `ModelTrainer`.
+    video: of the call.  budget, encode_background: see `ModelTrainer`.
     """
 
     video: VideoFormat
     gop: GopStructure
     budget: ModelBudget
-    progressive: bool
     pacing: Pacing
     encode_background: EncodeBackground = encoded_in_a_thread
 
-    def trainer(self, picture: Picture, points: Array, first_number: int = 0) -> ModelTrainer:
+    def trainer(
+        self, picture: Picture, points: Array, progressive: bool, first_number: int = 0
+    ) -> ModelTrainer:
         """The trainer of the person in a picture (h, w, 3) BGR.
 
-        points: their landmarks (468, 3), pixels.  first_number: see `ModelTrainer`.
+        points: their landmarks (468, 3), pixels.  progressive, first_number: see `ModelTrainer`.
         """
         first = picture, face_outline(points)
         # A base layer has no room for two pictures.
-        has_layers = 0 in self.pacing.layer_updates and not self.progressive
+        has_layers = 0 in self.pacing.layer_updates and not progressive
         layers = layers_of_frame(*first) if has_layers else None
         return ModelTrainer(
             head_with_surround(),
@@ -53,7 +54,7 @@ class CallTrainers:
             self.gop,
             background_of(*first) if layers is None else layers,
             self.budget,
-            self.progressive,
+            progressive,
             workers=self.pacing.training_threads,
             layer_updates=self.pacing.layer_updates,
             encode_background=self.encode_background,
@@ -61,8 +62,12 @@ class CallTrainers:
         )
 
     def first_model(
-        self, pictures: Sequence[Picture], points: Sequence[Array], share: float | None = None
+        self,
+        pictures: Sequence[Picture],
+        points: Sequence[Array],
+        progressive: bool,
+        share: float | None = None,
     ) -> FirstModel:
         """The model that a call begins with; see `ModelTrainer.bootstrap`."""
-        trainer = self.trainer(pictures[0], points[0])
+        trainer = self.trainer(pictures[0], points[0], progressive)
         return FirstModel(trainer, trainer.bootstrap(pictures, points, share))

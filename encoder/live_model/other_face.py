@@ -51,8 +51,8 @@ def version_of_picture(
         points = find(picture)
     if points is None:
         raise UserError("another face: no face is found in that picture")
-    trainers = CallTrainers(video, gop, budget, progressive=False, pacing=REAL_TIME)
-    trainer = trainers.trainer(picture, points)
+    trainers = CallTrainers(video, gop, budget, REAL_TIME)
+    trainer = trainers.trainer(picture, points, progressive=False)
     texture_bytes = int(TEXTURE_SHARE * budget.appearance_bytes)
     of_one = replace(budget, appearance_bytes=texture_bytes, max_modes=0)
     return trainer.train(of_one, [picture], [points], 0)

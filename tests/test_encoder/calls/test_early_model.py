@@ -33,7 +33,7 @@ class Waiting:
         height, width = face.shape[:2]
         video = VideoFormat(width, height, Fraction(25), "bt601", Fraction(1))
         budget = budget_for("live", 6000)
-        trainers = CallTrainers(video, GopStructure(), budget, progressive=True, pacing=REAL_TIME)
+        trainers = CallTrainers(video, GopStructure(), budget, REAL_TIME)
         self.now_s = 0.0
         self.maker = EarlyModelMaker(trainers, clock=lambda: self.now_s)
         self._mailbox = FrameMailbox(Fraction(25))

@@ -50,7 +50,7 @@ def test_a_call_without_a_face_has_no_version_and_ends_once(tmp_path: Path) -> N
     stats, gop = SessionStats(), GopStructure()
     with open_source(str(tmp_path / "%d.png")) as capture, CallStreamWriter(io.BytesIO()) as sink:
         updates = ModelUpdateSender(PacketSender(sink, stats), stats, gop, 25.0)
-        trainers = CallTrainers(capture.format, gop, BUDGETS["live"], False, UNPACED)
+        trainers = CallTrainers(capture.format, gop, BUDGETS["live"], UNPACED)
         model = ModelLifecycle(
             25.0,
             trainers,
