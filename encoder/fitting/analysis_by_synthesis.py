@@ -31,7 +31,6 @@ from runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
 from shared_model.arrays import Array, Indices, Mask, Picture, Single
-from shared_model.mesh import Head
 from shared_model.parameters import EAUS, FaceParameters
 
 # Standard deviation of an actuator about its initial estimate, which comes from the previous frame
@@ -109,7 +108,6 @@ class TexelFitter:
 
     def __init__(
         self,
-        head: Head,
         face: Face,
         shape: ShapeFreeFrame,
         template: Template,
@@ -117,7 +115,7 @@ class TexelFitter:
         cell_mm: float = DEPTH_CELL_MM,
         nominal_texels: int = NOMINAL_TEXELS,
     ) -> None:
-        self._head, self._face, self._normalise = head, face, normalise
+        self._face, self._normalise = face, normalise
         stride = max(1, round(np.sqrt(len(shape) / nominal_texels)))
         atlas = shape.atlas
         self._residual_sigma_grey, self._cauchy_scale_grey = RESIDUAL_SIGMA_GREY, CAUCHY_SCALE_GREY

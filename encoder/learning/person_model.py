@@ -188,7 +188,7 @@ def person_of_fitted_sample(
     mean = mean_texture(shape, sharp, default_colours(face.head, shape.atlas))
     appearance = _encode_appearance(shape, sharp, mean, mask, options)
     template = sampled_template(shape, samples, sharp, appearance)
-    fitter = TexelFitter(face.head, face, shape, template, nominal_texels=options.nominal_texels)
+    fitter = TexelFitter(face, shape, template, nominal_texels=options.nominal_texels)
     return PersonModel(
         base.fitted,
         face,

@@ -54,7 +54,7 @@ def fit_samples_coarse(
     for modes in COARSE_MODE_SCHEDULE:
         samples = sample_faces(face, coarse, luma_crops, faces, workers, cell_mm)
         template = luma_template(face, coarse, samples, modes)
-        fitter = TexelFitter(face.head, face, coarse, template, cell_mm=cell_mm)
+        fitter = TexelFitter(face, coarse, template, cell_mm=cell_mm)
         faces = fit_samples(fitter, crops, faces, workers)
     return faces
 

@@ -113,7 +113,7 @@ class PersonTexture:
         zeros = np.zeros(count, np.float32)
         empty = Template(zeros, np.zeros((0, count), np.float32), zeros)
         shape = ShapeFreeFrame(face, self._atlas, camera)
-        return options.fitter(self._head, face, shape, empty, options.normalise)
+        return options.fitter(face, shape, empty, options.normalise)
 
     def set_shape(self, face: Face, camera: Camera, start: FaceParameters) -> None:
         """Fit the same texture on another shape.  start: the face in the first frame."""

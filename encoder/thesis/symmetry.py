@@ -15,7 +15,6 @@ from shared_model.animate import Face
 from shared_model.appearance import Atlas
 from shared_model.arrays import Indices, Mask, Picture, Single
 from shared_model.geometry import euler_deg, matrix_from_quaternion
-from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
 
 # Yaw beyond which the far half is too foreshortened to be compared.
@@ -55,13 +54,12 @@ class SymmetricTexelFitter(TexelFitter):
 
     def __init__(
         self,
-        head: Head,
         face: Face,
         shape: ShapeFreeFrame,
         template: Template,
         normalise: Callable[[Picture], Single] = luma_f32,
     ) -> None:
-        super().__init__(head, face, shape, template, normalise)
+        super().__init__(face, shape, template, normalise)
         self._halves = HalfFaces(face, self.shape, shape.atlas)
 
     def observe(self, crop: Crop, initial: FaceParameters) -> Observation:
@@ -95,13 +93,12 @@ class MirroredMatrixFitter(PredictionMatrixFitter):
 
     def __init__(
         self,
-        head: Head,
         face: Face,
         shape: ShapeFreeFrame,
         template: Template,
         normalise: Callable[[Picture], Single] = luma_f32,
     ) -> None:
-        super().__init__(head, face, shape, template, normalise)
+        super().__init__(face, shape, template, normalise)
         self._halves = HalfFaces(face, self.shape, shape.atlas)
 
     def _side_at(self, face: FaceParameters) -> int:

@@ -53,11 +53,6 @@ class PartProcess:
         Thread(target=self._receive, daemon=True).start()
         Thread(target=self._send, daemon=True).start()
 
-    @property
-    def pid(self) -> int:
-        """Number of the process."""
-        return self._process.pid
-
     def send(self, message: ToSender | ToDrawer) -> None:
         """Send a message; of pictures and sound the oldest go if too many wait."""
         with self._changed:

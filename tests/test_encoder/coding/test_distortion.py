@@ -21,9 +21,7 @@ def fitter(shots: Shots) -> TexelFitter:
     shape = ShapeFreeFrame(shots.face, atlas_of(shots.face.head, 96), shots.camera)
     luma = sample_bicubic(luma_f32(shots.pictures[2]), shape.positions(shots.faces[2]))[:, 0]
     modes = np.full((1, len(shape)), 2.0, np.float32)
-    return TexelFitter(
-        shots.face.head, shots.face, shape, Template(luma, modes, np.ones(len(shape), np.float32))
-    )
+    return TexelFitter(shots.face, shape, Template(luma, modes, np.ones(len(shape), np.float32)))
 
 
 def test_the_distortion_matrix_predicts_the_squared_error_of_a_parameter_error(

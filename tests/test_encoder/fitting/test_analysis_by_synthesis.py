@@ -38,7 +38,7 @@ def template_of(shots: Shots, shape: ShapeFreeFrame, number: int) -> Template:
 
 
 def refiner_of(shots: Shots, shape: ShapeFreeFrame, number: int) -> TexelFitter:
-    return TexelFitter(shots.face.head, shots.face, shape, template_of(shots, shape, number))
+    return TexelFitter(shots.face, shape, template_of(shots, shape, number))
 
 
 def astray(face: FaceParameters, seed: int) -> FaceParameters:
@@ -92,7 +92,7 @@ def test_the_coefficient_of_an_illumination_is_recovered(
 ) -> None:
     template = template_of(shots, shape, 3)
     brighter = replace(template, modes=np.full((1, len(shape)), 2.0, np.float32))
-    fitter = TexelFitter(shots.face.head, shots.face, shape, brighter)
+    fitter = TexelFitter(shots.face, shape, brighter)
     picture = np.clip(shots.pictures[3].astype(int) + 12, 0, 255).astype(np.uint8)
     found = fitter.fit_crop(whole(picture), astray(shots.faces[3], 3), 5, MOVED)
     assert found.modes == pytest.approx([6.0], abs=0.6)
@@ -103,8 +103,7 @@ def test_a_mode_added_later_is_fitted_like_the_others(shots: Shots, shape: Shape
     rows = np.asarray(np.random.default_rng(5).normal(size=(2, len(shape))) * 3, np.float32)
     template = template_of(shots, shape, 3)
     refiners = [
-        TexelFitter(shots.face.head, shots.face, shape, replace(template, modes=rows[:known]))
-        for known in (2, 1)
+        TexelFitter(shots.face, shape, replace(template, modes=rows[:known])) for known in (2, 1)
     ]
     picture = whole(shots.pictures[3])
     start = refiners[1].fit_crop(picture, shots.faces[3], 1, MOVED)
@@ -177,7 +176,7 @@ def test_a_mode_that_nothing_shows_has_a_coefficient_of_zero(
     at_mouth = np.array(texels[:, 1] > np.nanmedian(texels[:, 1]))
     modes = np.where(at_mouth, 20, 0).astype(np.float32)[None]
     with_mode = replace(template, modes=modes)
-    fitter = TexelFitter(shots.face.head, shots.face, shape, with_mode)
+    fitter = TexelFitter(shots.face, shape, with_mode)
     low, high = np.nanmin(texels, axis=0), np.nanmax(texels, axis=0)
     half = np.nanmedian(texels[:, 1]) - 3
     hand = np.array([(low[0] - 9, half), (high[0] + 9, half), high + 9, (low[0] - 9, high[1] + 9)])

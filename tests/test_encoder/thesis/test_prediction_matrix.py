@@ -36,7 +36,7 @@ def untrained(kind: type[TexelFitter], shots: Shots, number: int = NUMBER) -> Te
     worn = (head.opacity[shape.atlas.corners].min(1) > 0.99).astype(np.float32)
     mean = sample_bicubic(luma_f32(shots.pictures[number]), shape.positions(face))[:, 0]
     light = np.stack([mean - mean.mean(), np.ones_like(mean)])
-    fitter = kind(head, shots.face, shape, Template(mean, light, worn))
+    fitter = kind(shots.face, shape, Template(mean, light, worn))
     seen = fitter.visible(face)
     template = fitter.template
     fitter.template = replace(template, weight=template.weight * seen)
