@@ -15,7 +15,6 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
 
-from encoder.calls.call_events import CallEvents
 from encoder.calls.call_session import CallSession, FramePass, RecordedPass, run_pass
 from encoder.calls.early_model import EarlyModelMaker
 from encoder.calls.face_search import open_landmark_search
@@ -24,7 +23,7 @@ from encoder.calls.live_session import LiveEncoder, LiveSettings
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.recorded_residual import with_residual
 from encoder.calls.recorded_session import RecordedEncoder, send_call
-from encoder.calls.session_callbacks import Progress, SessionCallbacks
+from encoder.calls.session_callbacks import CallEvents, Progress, SessionCallbacks
 from encoder.calls.session_stats import SessionStats
 from encoder.calls.two_pass_session import EncodedCall
 from encoder.capture.live_capture import by_arrival

@@ -13,6 +13,8 @@ import msgpack  # type: ignore[import-untyped]
 import numpy as np
 
 from protocol.call_parameters import COLOUR_MATRICES, PROFILES, CallParameters, voice_of
+from protocol.entropy.adaptive_models import AdaptiveIntegers
+from protocol.entropy.range_coder import RangeDecoder, RangeEncoder
 from protocol.entropy.validation import (
     as_float32s,
     check_bool,
@@ -32,7 +34,6 @@ from protocol.limits import (
     VOICE_NUMBERS,
 )
 from protocol.sample_aspect import aspect_of
-from protocol.shape_residual_coding import parse_residual, serialise_residual
 from shared_model.geometry import normalise
 from shared_model.parameters import AAUS, EAUS, FaceParameters, Pose
 
@@ -56,6 +57,7 @@ FORMATS = (
     ASPECT_FORMAT,
     PICTURE_RESIDUAL_FORMAT,
 )
+AXES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,3 +323,22 @@ def _bytes_from_codes(codes: tuple[int, ...]) -> bytes:
 def _codes_from_bytes(name: str, data: Any) -> tuple[int, ...]:
     check_bytes(name, data, 3 * MAX_RESIDUAL_POINTS)
     return struct.unpack(f"{len(data)}b", data)
+
+
+def serialise_residual(codes: tuple[int, ...]) -> bytes:
+    """The number of points, then the codes -128..127 of each point's x, y and z; or no bytes."""
+    coder, integers = RangeEncoder(), AdaptiveIntegers(AXES)
+    for index, code in enumerate(codes):
+        integers.code(coder, index % AXES, code)
+    return bytes([len(codes) // AXES]) + coder.finish() if codes else b""
+
+
+def parse_residual(data: bytes) -> tuple[int, ...]:
+    """The inverse of `serialise_residual`.  Raises `ValueError` if `data` is damaged."""
+    if not data:
+        return ()
+    coder, integers = RangeDecoder(data[1:]), AdaptiveIntegers(AXES)
+    codes = tuple(integers.code(coder, index % AXES, 0) for index in range(AXES * data[0]))
+    if coder.unread_bytes:
+        raise ValueError(f"residual has {coder.unread_bytes} bytes too many")
+    return codes

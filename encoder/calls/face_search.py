@@ -5,9 +5,9 @@ In a live call also whether the face is still that of the same person.
 
 from encoder.calls.session_stats import SessionStats
 from encoder.detection.blazeface import BlazeFaceDetector
+from encoder.detection.detector import warn_of_several_faces
 from encoder.detection.iris import TRAINED_CROP_SCALE, WIDE_CROP_SCALE
 from encoder.detection.landmarks import FaceMesh, Landmarks, LandmarkTracker
-from encoder.detection.several_faces import warn_of_several_faces
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.person.followed_face import FollowedFace
 from encoder.person.person_watch import PersonWatch, Verdict

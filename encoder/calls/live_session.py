@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from encoder.calls.call_events import CallEvents
 from encoder.calls.face_search import CallerSearch, warn_of_long_search
 from encoder.calls.frame_packets import PacketCoder, PacketFiller
 from encoder.calls.model_lifecycle import ModelLifecycle
@@ -16,6 +15,7 @@ from encoder.calls.model_states import ModelState
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.overload import OverloadController, overload_warning
 from encoder.calls.packet_sender import PacketSender
+from encoder.calls.session_callbacks import CallEvents
 from encoder.calls.session_stats import SessionStats
 from encoder.calls.waiting_frames import (
     Between,

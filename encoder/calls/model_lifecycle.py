@@ -13,9 +13,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 
-from encoder.calls.call_events import CallEvents
 from encoder.calls.model_states import ModelEvent, ModelState, ModelStates
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
+from encoder.calls.session_callbacks import CallEvents
 from encoder.calls.session_stats import SessionStats
 from encoder.learning.face_sample import FaceSample
 from encoder.learning.incremental_modes import LearnedMode

@@ -14,12 +14,12 @@ from typing import Any
 import av
 import cv2
 import numpy as np
+from av.filter import Graph
 from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
 from numpy.typing import NDArray
 
 from encoder.capture.containers import open_container, readable_frames, video_stream
-from encoder.capture.deinterlacer import Deinterlacer
 from encoder.capture.frame_times import is_usable_fps
 from encoder.capture.picture_size import in_square_pixels, letterboxed
 from encoder.capture.time_stamps import TimeStamps, read_time_stamps
@@ -30,6 +30,8 @@ from shared_model.arrays import Picture
 # FFmpeg's number of the colour matrix BT.709, as in ITU-T H.273.
 _BT709 = 1
 _TRANSFER_NAMES = {PQ: "PQ", HLG: "HLG"}
+# One picture for each; what is progressive in between stays as it is.
+FILTER, OPTIONS = "bwdif", "mode=send_frame:parity=auto:deint=interlaced"
 
 
 def _display_matrix(frame: VideoFrame) -> bytes | None:
@@ -209,3 +211,48 @@ def orientation_of(matrix: bytes | None) -> Orientation:
     if abs(x_to_y) > abs(x_to_x):
         return Orientation(True, flips_columns=y_to_x < 0, flips_rows=x_to_y < 0)
     return Orientation(False, flips_columns=x_to_x < 0, flips_rows=y_to_y < 0)
+
+
+class Deinterlacer:
+    """Takes frames in order and gives as many back, some later; a size of its own begins anew."""
+
+    def __init__(self) -> None:
+        self._graph: Graph | None = None
+        self._format: tuple[int, int, str] | None = None
+
+    def add(self, frame: VideoFrame) -> Iterator[VideoFrame]:
+        """The frames that are ready after this one."""
+        shape = frame.width, frame.height, frame.format.name
+        if self._graph is None or shape != self._format:
+            yield from self.rest()
+            self._graph, self._format = _graph(frame), shape
+        self._graph.vpush(frame)
+        yield from self._ready()
+
+    def rest(self) -> Iterator[VideoFrame]:
+        """The frames that are left after the last one."""
+        if self._graph is None:
+            return
+        self._graph.vpush(None)
+        yield from self._ready()
+        self._graph = None
+
+    def _ready(self) -> Iterator[VideoFrame]:
+        assert self._graph is not None
+        while True:
+            try:
+                yield self._graph.vpull()
+            except (av.BlockingIOError, av.EOFError):
+                return
+
+
+def _graph(frame: VideoFrame) -> Graph:
+    graph = Graph()
+    source = graph.add_buffer(
+        width=frame.width,
+        height=frame.height,
+        format=frame.format,
+        time_base=frame.time_base,
+    )
+    graph.link_nodes(source, graph.add(FILTER, OPTIONS), graph.add("buffersink")).configure()
+    return graph

@@ -1,5 +1,6 @@
 """What all face detectors have in common."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -9,6 +10,7 @@ from shared_model.arrays import Array, Picture
 
 # Order of `Detection.keypoints`; left and right are the subject's.
 KEYPOINTS = ("eye_right", "eye_left", "nose", "mouth", "ear_right", "ear_left")
+Warn = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,3 +50,9 @@ class FaceDetector(Protocol):
 def by_size(detections: list[Detection]) -> list[Detection]:
     """The detections, the largest first."""
     return sorted(detections, key=lambda face: -face.size_px)
+
+
+def warn_of_several_faces(count: int, warn: Warn) -> None:
+    """Warn if several faces are in the picture."""
+    if count > 1:
+        warn(f"{count} faces in the picture: taking the largest")

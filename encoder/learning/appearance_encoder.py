@@ -12,13 +12,19 @@ from encoder.appearance.masks import root_weight_and_support
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.texture_samples import TextureSamples
 from encoder.learning.orthogonal_residual import OrthogonalResidual
-from encoder.learning.sample_planes import weighted_planes, without_mean
 from encoder.learning.step_search import INFEASIBLE_COST, best_candidate, filling_candidate
 from encoder.picture_coding.image_budget import encode_picture_within
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode, encode_picture
-from protocol.pictures.picture_codec import MAX_STEP_CODE, ModeCodec, to_planes
+from protocol.pictures.picture_codec import (
+    MAX_STEP_CODE,
+    MODE_CHROMA_WEIGHT,
+    ModeCodec,
+    to_luma,
+    to_planes,
+)
 from protocol.pictures.probability_model import TEXTURE
 from protocol.pictures.weight_map import GRID_SIDE, encode_weight_map
+from runtime.jit import jit
 from shared_model.appearance import Atlas, filled_atlas
 from shared_model.arrays import Array, Mask, Single
 
@@ -265,3 +271,39 @@ def _encode_mode_within(
         if mode.size_bytes <= max_bytes:
             return _EncodedMode(mode, tried, advanced)
     return None
+
+
+@jit
+def without_mean(frames: Single, mean: Single, visible: Mask) -> Single:
+    """Frames (t, k, 3) less a mean (k, 3) where a texel is visible (t, k)."""
+    left = np.empty_like(frames)
+    for frame in range(len(frames)):
+        for texel in range(len(mean)):
+            for channel in range(3):
+                value = frames[frame, texel, channel]
+                if visible[frame, texel]:
+                    value -= mean[texel, channel]
+                left[frame, texel, channel] = value
+    return left
+
+
+def weighted_planes(colours: Single, visible: Mask, root: Single) -> Single:
+    """(t, k, 3) the planes of colours (t, k, 3), see `to_planes`, times `root` (k,) where a texel
+    is visible (t, k), else 0."""
+    return _weighted_planes(colours, to_luma(colours), visible, root, MODE_CHROMA_WEIGHT)
+
+
+@jit
+def _weighted_planes(
+    colours: Single, luma: Single, visible: Mask, root: Single, chroma_weight: float
+) -> Single:
+    """See `weighted_planes`.  luma: (t, k) of the colours."""
+    planes, chroma = np.zeros_like(colours), np.float32(chroma_weight)
+    for frame in range(len(colours)):
+        for texel in range(len(root)):
+            if visible[frame, texel]:
+                y = luma[frame, texel]
+                planes[frame, texel, 0] = y * root[texel]
+                planes[frame, texel, 1] = chroma * (colours[frame, texel, 0] - y) * root[texel]
+                planes[frame, texel, 2] = chroma * (colours[frame, texel, 2] - y) * root[texel]
+    return planes

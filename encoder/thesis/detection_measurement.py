@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
+from encoder.detection.detector import Warn, warn_of_several_faces
 from encoder.detection.landmark_indices import LANDMARK_COUNT, OUTER_EYE_CORNERS
-from encoder.detection.several_faces import Warn, warn_of_several_faces
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity, generic_identity

@@ -7,8 +7,8 @@ from typing import Protocol
 
 from encoder.appearance.photometric import NORMALISATIONS
 from encoder.detection.blazeface import BlazeFaceDetector
+from encoder.detection.detector import Warn, warn_of_several_faces
 from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.several_faces import Warn, warn_of_several_faces
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.analysis_by_synthesis import TexelFitter

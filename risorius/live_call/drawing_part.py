@@ -4,17 +4,22 @@ where a page cannot draw them."""
 import os
 import time
 from collections import deque
+from collections.abc import Callable
 from threading import Lock
 
 import numpy as np
 
 from decoder.call_pictures import CallPictures, DrawnFrame
 from decoder.playout.call_source import CallSource
+from decoder.playout.playout import PlayoutFrame
 from decoder.sound.sound_track import SoundTrack, open_sound_track
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.link.carriers import open_link_source
 from protocol.link.interface import Arrival, PacketSource
+from protocol.model_packet import ModelPacket
+from risorius.call_page.face_message import face_values
+from risorius.call_page.numbered_models import NumberedModels
 from risorius.live_call.messages import (
     Draw,
     DrawingOptions,
@@ -22,15 +27,15 @@ from risorius.live_call.messages import (
     Heard,
     Presence,
     Receiving,
+    ShownFace,
+    ShownModel,
     ToDrawer,
     Trouble,
 )
 from risorius.live_call.packets.recorder import CallRecorder
-from risorius.live_call.packets.stamped_source import StampedSource
-from risorius.live_call.packets.traffic_meter import MeteredSource, TrafficMeter
+from risorius.live_call.packets.traffic_meter import MeteredSource, StampedSource, TrafficMeter
 from risorius.live_call.part_connection import PartConnection
-from risorius.live_call.shown_faces import ShownFaces
-from risorius.live_call.thinning import Thinning
+from risorius.live_call.thinning import Thinning, frame_step
 from runtime.image_ops import jpeg
 from runtime.parallel import lower_priority_of_process
 from shared_model.arrays import Samples
@@ -213,3 +218,38 @@ def leading_silence(samples: Samples) -> int:
 def packet_s(call: CallParameters) -> float:
     """The time that a packet of a call covers, seconds."""
     return call.frames_per_packet * call.frame_step / call.fps
+
+
+class ShownFaces:
+    """A `FaceObserver` that sends on what it sees.
+
+    fps: faces a second that are wanted, about; None: all.
+    """
+
+    def __init__(self, send: Callable[[ShownModel | ShownFace], None], fps: float | None) -> None:
+        self._send, self._fps = send, fps
+        self._is_drawn_here = False
+        self._models = NumberedModels(lambda number, packet: send(ShownModel(number, packet)))
+
+    @property
+    def wants_pictures(self) -> bool:
+        """See `FaceObserver`; pages do not draw a picture residual."""
+        model = self._models.newest
+        return self._is_drawn_here or (model is not None and model.call.has_residual)
+
+    def draw_here(self, is_drawn: bool) -> None:
+        """Draw pictures besides, or not any more."""
+        self._is_drawn_here = is_drawn
+
+    def see_model(self, model: ModelPacket) -> None:
+        """See `FaceObserver`."""
+        self._models.number_of(model)
+
+    def see_frame(self, frame: PlayoutFrame, arrival_s: float) -> None:
+        """See `FaceObserver`."""
+        if frame.index % frame_step(frame.model.call.fps, self._fps):
+            return
+        number, waited_s = self._models.number_of(frame.model), time.monotonic() - arrival_s
+        when = frame.index, float(frame.time_s), 1000 * time.time(), round(1000 * waited_s)
+        state = frame.frozen, frame.lost, number, frame.presence
+        self._send(ShownFace(*when, *state, face_values(frame.face)))

@@ -16,8 +16,8 @@ from videos import read_frames
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.scene.appearance import FrameTextures
-from encoder.calls.call_events import CallEvents
 from encoder.calls.model_states import TRANSITIONS, ModelState
+from encoder.calls.session_callbacks import CallEvents
 from encoder.coding.rdo_quantiser import CodedPacket
 from encoder.live_model.model_schedule import MODE_SPENDING_EXPONENT
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion

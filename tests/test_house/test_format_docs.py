@@ -25,6 +25,7 @@ from protocol.frames.value_coding import (
     STOP_PROBABILITIES,
     ZERO_PROBABILITIES,
 )
+from protocol.model_packet import serialise_residual
 from protocol.packets import ControlKind, PacketKind, max_packet_bytes
 from protocol.picture_residual.tile_coding import (
     BAND,
@@ -45,7 +46,6 @@ from protocol.picture_residual.tile_coding import (
     initial_probabilities,
 )
 from protocol.pictures.probability_model import WEIGHT_ARRAYS, ProbabilityModels
-from protocol.shape_residual_coding import serialise_residual
 
 PAGE = (Path(__file__).parents[2] / "docs" / "format.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"<!-- vector: (\S+) at (\d+) -->\n```hex\n(.*?)```", PAGE, re.DOTALL)

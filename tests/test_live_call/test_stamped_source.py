@@ -7,7 +7,7 @@ from layer_streams import BASE, frames
 
 from protocol.call_file import CallReader, CallStreamWriter
 from protocol.packets import ControlKind, ControlPacket, serialise
-from risorius.live_call.packets.stamped_source import StampedSource
+from risorius.live_call.packets.traffic_meter import StampedSource
 
 PACKETS = [serialise(BASE), *frames(3), serialise(ControlPacket(0, ControlKind.END, 3))]
 

@@ -5,7 +5,7 @@ import random
 import pytest
 
 from protocol.limits import MAX_RESIDUAL_BYTES, MAX_RESIDUAL_POINTS
-from protocol.shape_residual_coding import parse_residual, serialise_residual
+from protocol.model_packet import parse_residual, serialise_residual
 
 
 @pytest.mark.parametrize("points", [0, 1, 60, MAX_RESIDUAL_POINTS])

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from encoder.calls import model_states
-from encoder.calls.call_events import CallEvents
 from encoder.calls.model_lifecycle import ModelLifecycle
 from encoder.calls.model_states import TRANSITIONS, ModelState
 from encoder.calls.model_updates import ModelUpdateSender
 from encoder.calls.packet_sender import PacketSender
+from encoder.calls.session_callbacks import CallEvents
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
 from encoder.coding.gop import GopStructure

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 from av.video.reformatter import ColorPrimaries, Colorspace
 
-from encoder.capture.camera import why_not_opened
 from encoder.capture.frame_times import exact_fps
-from encoder.capture.video_source import open_source
+from encoder.capture.video_source import open_source, why_not_opened
 from shared_model.arrays import Picture
 from shared_model.errors import UserError
 

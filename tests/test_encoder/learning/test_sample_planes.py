@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from encoder.learning.sample_planes import weighted_planes, without_mean
+from encoder.learning.appearance_encoder import weighted_planes, without_mean
 from protocol.pictures.picture_codec import to_planes
 
 
