@@ -77,9 +77,9 @@ class ImageFitter:
         head, size = face.head, len(mean)
         self._face, self._camera, self._size = face, camera, size
         self._max_pixels = max_pixels
-        layers = np.concatenate([mean[None], modes]).reshape(1 + len(modes), -1)
-        self._layers = np.ascontiguousarray(layers.T, np.float32)
-        self._mean = np.ascontiguousarray(self._layers[:, :1])
+        textures = np.concatenate([mean[None], modes]).reshape(1 + len(modes), -1)
+        self._textures = np.ascontiguousarray(textures.T, np.float32)
+        self._mean = np.ascontiguousarray(self._textures[:, :1])
         texels = head.texture_coordinates * size - 0.5
         self._vertex_attributes = np.vstack([texels.T, head.opacity]).astype(np.float32)
         fields = np.stack([head.eau_up, -head.eau_down]).swapaxes(-1, -2)
@@ -88,7 +88,7 @@ class ImageFitter:
     def with_mode(self, mode: Single) -> "ImageFitter":
         """A copy with one more mode, (size, size) luma per unit coefficient."""
         fitter = copy(self)
-        fitter._layers = np.column_stack([self._layers, mode.ravel()])
+        fitter._textures = np.column_stack([self._textures, mode.ravel()])
         return fitter
 
     def fit(
@@ -125,7 +125,7 @@ class ImageFitter:
         if not len(rendering.error):
             return start
         weights = _occlusion_weights(observation, rendering)[rendering.fragments.pixels]
-        rows = _sample_layers(rendering.texels, self._layers, self._size)[:, 1:]
+        rows = _sample_textures(rendering.texels, self._textures, self._size)[:, 1:]
         equations = _weighted_equations(rows, rendering, weights)
         return replace(start, modes=damped_step(equations, 0.0, PICTURE_DAMPING, len(start.modes)))
 
@@ -143,10 +143,10 @@ class ImageFitter:
         fragments = fragments.select(opaque)
         texels, opacity = attributes[:2, opaque], attributes[2, opaque]
         values = np.append(1, face.modes).astype(np.float32)
-        luma = _combine_layers(texels, self._layers, values, self._size)
+        luma = _combine_textures(texels, self._textures, values, self._size)
         observed = observation.luma[fragments.pixels]
         if observation.hidden is not None:
-            mean = _combine_layers(texels, self._mean, values[:1], self._size)
+            mean = _combine_textures(texels, self._mean, values[:1], self._size)
             observed = np.where(observation.hidden[fragments.pixels], mean, observed)
         # Transparent parts are assumed to show the right background.
         error = opacity * (observed - luma)
@@ -184,8 +184,8 @@ class ImageFitter:
         rows = np.empty((len(rendering.error), FACE_PARAMETERS + len(face.modes)), np.float32)
         rows[:, :RIGID] = rigid.T
         rows[:, RIGID:FACE_PARAMETERS] = self._eau_jacobian(fragments, face.eau, head_gradient).T
-        layers = _sample_layers(rendering.texels, self._layers, self._size)
-        rows[:, FACE_PARAMETERS:] = layers[:, 1:]
+        textures = _sample_textures(rendering.texels, self._textures, self._size)
+        rows[:, FACE_PARAMETERS:] = textures[:, 1:]
         return rows
 
     def _eau_jacobian(self, fragments: Fragments, eau: Array, gradient: Single) -> Single:
@@ -198,34 +198,34 @@ class ImageFitter:
 
 
 @jit
-def _sample_layers(texels: Single, layers: Single, size: int) -> Single:
-    """(p, m) layers (size * size, m) at texels (2, p), column and row, bilinear."""
-    samples = np.empty((texels.shape[1], layers.shape[1]), np.float32)
+def _sample_textures(texels: Single, textures: Single, size: int) -> Single:
+    """(p, m) textures (size * size, m) at texels (2, p), column and row, bilinear."""
+    samples = np.empty((texels.shape[1], textures.shape[1]), np.float32)
     for pixel in range(len(samples)):
         first, a, b, c, d = bilinear_weights(texels[0, pixel], texels[1, pixel], size, size)
-        for layer in range(layers.shape[1]):
-            samples[pixel, layer] = (
-                a * layers[first, layer]
-                + b * layers[first + 1, layer]
-                + c * layers[first + size, layer]
-                + d * layers[first + size + 1, layer]
+        for texture in range(textures.shape[1]):
+            samples[pixel, texture] = (
+                a * textures[first, texture]
+                + b * textures[first + 1, texture]
+                + c * textures[first + size, texture]
+                + d * textures[first + size + 1, texture]
             )
     return samples
 
 
 @jit
-def _combine_layers(texels: Single, layers: Single, values: Single, size: int) -> Single:
-    """(p,) `_sample_layers` @ `values` (m,), without the intermediate array."""
+def _combine_textures(texels: Single, textures: Single, values: Single, size: int) -> Single:
+    """(p,) `_sample_textures` @ `values` (m,), without the intermediate array."""
     luma = np.empty(texels.shape[1], np.float32)
     for pixel in range(len(luma)):
         first, a, b, c, d = bilinear_weights(texels[0, pixel], texels[1, pixel], size, size)
         total = np.float32(0)
-        for layer in range(layers.shape[1]):
-            total += values[layer] * (
-                a * layers[first, layer]
-                + b * layers[first + 1, layer]
-                + c * layers[first + size, layer]
-                + d * layers[first + size + 1, layer]
+        for texture in range(textures.shape[1]):
+            total += values[texture] * (
+                a * textures[first, texture]
+                + b * textures[first + 1, texture]
+                + c * textures[first + size, texture]
+                + d * textures[first + size + 1, texture]
             )
         luma[pixel] = total
     return luma

@@ -76,8 +76,8 @@ def fit_samples_in_image(
     samples = sample_faces(face, shape, luma_crops, faces, workers)
     sharp = super_resolved(shape, samples, luma_crops, faces, workers)
     template = luma_template(face, shape, sharp, IMAGE_FIT_MODES)
-    layers = [template.mean, *template.modes]
-    images = np.array([filled_atlas(shape.atlas, layer[:, None])[..., 0] for layer in layers])
+    textures = [template.mean, *template.modes]
+    images = np.array([filled_atlas(shape.atlas, each[:, None])[..., 0] for each in textures])
     fitter = ImageFitter(face, shape.camera, images[0], images[1:])
     weights = samples.weight * samples.visible
 
