@@ -1,9 +1,11 @@
 """The options of the commands that send and draw calls, by what they are about."""
 
 import argparse
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from encoder.option_rules import CHOICES
+from encoder.option_rules import CHOICES, DEFAULT_OPTIONS, THESIS_OPTIONS
 from risorius.command_line.argument_types import (
     bitrate,
     count,
@@ -22,24 +24,36 @@ SOURCE_HELP = (
 )
 
 
+def add_option(parser: argparse.ArgumentParser, option: str, help: str, **named: Any) -> None:
+    """Add an option; values to choose from, and the default, are those that its rules name.
+
+    named: as of `add_argument`.
+    """
+    name = option.removeprefix("--").replace("-", "_")
+    if name in CHOICES:
+        named["choices"] = CHOICES[name]
+    default = {**THESIS_OPTIONS, **DEFAULT_OPTIONS}.get(name)
+    parser.add_argument(option, help=help, default=default, **named)
+
+
 def add_coding(parser: argparse.ArgumentParser) -> None:
     """What is coded, at what rate and how large: of `encode` and `bench`."""
+    add = partial(add_option, parser)
     _add_rates(parser)
-    parser.add_argument(
+    add(
         "--live",
         action="store_true",
         help="default profile: encode a file in one pass, as if its frames came from a camera,"
         " instead of two",
     )
-    parser.add_argument(
+    add(
         "--delay",
         type=delay,
-        default=0.0,
         metavar="S",
         help="live, default profile: send each frame S seconds after it was seen, 0 to 10, with a"
         " model that has been learned from those after it as well (default: %(default)g)",
     )
-    parser.add_argument(
+    add(
         "--startup-bitrate",
         type=bitrate,
         metavar="BPS",
@@ -62,48 +76,44 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_thesis_coding(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
+    add = partial(add_option, parser)
+    add(
         "--preset",
-        choices=CHOICES["preset"],
         help="thesis-literal: the thesis profile with what the thesis has and no network: --aam"
         " builtin --abs mirrored-matrix --normalise retinex",
     )
-    parser.add_argument(
+    add(
         "--lids",
         action="store_true",
         help="thesis profile: also send how far each lid is closed, two values of 8 bits: 960"
         " bits a second instead of 800",
     )
-    parser.add_argument(
+    add(
         "--texture-modes",
         type=mode_count,
-        default=0,
         metavar="N",
         help="thesis profile, recorded sources: besides pose and actuators send the coefficients of"
         " up to N modes of the person's texture, learned from the whole recording, at the same 800"
         " bits a second (default: one texture)",
     )
-    parser.add_argument(
+    add(
         "--refine",
         action=argparse.BooleanOptionalAction,
-        default=True,
         help="thesis profile: adjust shape and focal length of all but small faces to the first"
         " seconds and send them as updates of some 320 bytes (default: yes)",
     )
-    parser.add_argument(
+    add(
         "--detector",
-        choices=CHOICES["detector"],
-        default="network",
         help="thesis profile: landmark network (default), or the thesis' Viola-Jones",
     )
     add_statistical_model(parser, "thesis profile: ")
-    parser.add_argument(
+    add(
         "--aam-every-frame",
         action="store_true",
         help="thesis profile: search the model in every frame and give the filter its landmarks and"
         " actuators, not in the first face and lost ones alone",
     )
-    parser.add_argument(
+    add(
         "--nose-cascade",
         metavar="XML",
         help="thesis profile: Viola-Jones finds the nose as well, by this cascade classifier (none"
@@ -114,14 +124,15 @@ def _add_thesis_coding(parser: argparse.ArgumentParser) -> None:
 
 def add_statistical_model(parser: argparse.ArgumentParser, where: str) -> None:
     """Landmarks by a statistical model.  where: said before the help."""
-    parser.add_argument(
+    add = partial(add_option, parser)
+    add(
         "--aam",
         metavar="MODEL",
         help=f"{where}no landmark network: the face is found by Viola-Jones and by a model of"
         " many faces: the file (.npz) that `risorius train` has made, or builtin: the one that"
         " comes along",
     )
-    parser.add_argument(
+    add(
         "--aam-feedback",
         action="store_true",
         help=f"{where}the model also measures the actuators of every frame, by its parameters c"
@@ -131,40 +142,32 @@ def add_statistical_model(parser: argparse.ArgumentParser, where: str) -> None:
 
 def add_tracking(parser: argparse.ArgumentParser) -> None:
     """How the thesis profile follows the face."""
-    parser.add_argument(
+    add = partial(add_option, parser)
+    add(
         "--tracker",
-        choices=CHOICES["tracker"],
-        default="full",
         help="thesis profile: landmarks of each frame by itself, or KLT, filter and the fit of the"
         " person's own texture as well (default: %(default)s)",
     )
-    parser.add_argument(
+    add(
         "--without",
         type=parts,
-        default=frozenset(),
         metavar="PARTS",
         help="thesis profile: leave parts out of the full tracker, to measure: some of"
         " network,klt,ekf,abs",
     )
-    parser.add_argument(
+    add(
         "--normalise",
-        choices=CHOICES["normalise"],
-        default="none",
         help="thesis profile: what the full tracker fits its texture to: the luma, or retinex and"
         " histogram equalisation of it (default: %(default)s)",
     )
-    parser.add_argument(
+    add(
         "--abs",
-        choices=CHOICES["abs"],
-        default="gauss-newton",
         help="thesis profile: how that fit steps: by each picture's gradient, the same with the"
         " visible half of a turned face mirrored, by the thesis' prediction matrix, or by that with"
         " the half mirrored (default: %(default)s)",
     )
-    parser.add_argument(
+    add(
         "--klt-points",
-        choices=CHOICES["klt_points"],
-        default="first",
         help="thesis profile: the points that KLT tracks: features of the first frame, or of any"
         " in which they become visible as the head turns (default: %(default)s)",
     )
@@ -172,14 +175,13 @@ def add_tracking(parser: argparse.ArgumentParser) -> None:
 
 def _add_filter(parser: argparse.ArgumentParser) -> None:
     """The Kalman filter of the thesis profile."""
-    parser.add_argument(
+    add = partial(add_option, parser)
+    add(
         "--projection",
-        choices=CHOICES["projection"],
-        default="perspective",
         help="thesis profile: how the filter projects points: as a pinhole camera does, or by"
         " Lowe's equation, as in the thesis (default: %(default)s)",
     )
-    parser.add_argument(
+    add(
         "--free-focal",
         action="store_true",
         help="thesis profile: the filter estimates the focal length as well, as in the thesis,"
@@ -189,9 +191,9 @@ def _add_filter(parser: argparse.ArgumentParser) -> None:
 
 def add_sound(parser: argparse.ArgumentParser) -> None:
     """The voice of a call."""
-    parser.add_argument(
+    add = partial(add_option, parser)
+    add(
         "--voice",
-        choices=CHOICES["voice"],
         help="code the source's first sound track by Codec2 at 1200 or 700 bits a second, or by"
         " Opus at 6000, beside --bitrate; silence takes next to nothing (default: 1200 where the"
         " source has sound and the codec is installed)",
@@ -200,7 +202,8 @@ def add_sound(parser: argparse.ArgumentParser) -> None:
 
 def add_transport(parser: argparse.ArgumentParser) -> None:
     """When and how packets go out."""
-    parser.add_argument(
+    add = partial(add_option, parser)
+    add(
         "--low-delay",
         action="store_true",
         help="default profile: packets of four frames instead of eight, which halves the delay of a"
@@ -278,23 +281,22 @@ def add_reporting(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_rates(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
+    add = partial(add_option, parser)
+    add(
         "--profile",
-        choices=CHOICES["profile"],
         help="default: every frame, with the person's own appearance, entropy-coded; thesis: ten"
         " values of 8 bits, ten times a second (default: default, unless an option of the thesis"
         " profile is given or the landmark networks are missing)",
     )
-    parser.add_argument(
+    add(
         "--bitrate",
         type=bitrate,
-        default=800.0,
         metavar="BPS",
         help="default profile: bits a second of frame packets with their heads and their lengths in"
         " a call file, more than 0; recorded, from 1200 on a part is for what the model does not"
         " show, with --model-bytes 30000 and more (default: %(default)g)",
     )
-    parser.add_argument(
+    add(
         "--fps",
         type=frame_rate,
         metavar="N",
