@@ -32,8 +32,9 @@ from encoder.thesis.track_loss import (
 )
 from shared_model.animate import Face
 from shared_model.arrays import Picture, VertexIndices
+from shared_model.geometry import matrix_from_quaternion
 from shared_model.mesh import Head
-from shared_model.parameters import FaceParameters, with_focal_change
+from shared_model.parameters import FaceParameters, Pose, with_focal_change
 
 TRACKER_PARTS = ("network", "klt", "ekf", "abs")
 
@@ -48,6 +49,9 @@ RECOVERY_ITERATIONS = (8, 5)
 # believed without the places of landmarks: those of turned heads are off by up to 25 degrees, all
 # alike, so that no gate finds them.
 TRUSTED_CORRELATION = 0.95
+# The same where landmarks have a pose that is so many degrees from the predicted one: then they are
+# those that are wrong.
+DISPUTED_CORRELATION, DISPUTED_DEG = 0.8, 12.0
 # Successive frames without a trustworthy face after which it is lost.
 LOST_AFTER_FRAMES = 3
 
@@ -214,14 +218,17 @@ class ModelTracker:
             measurement = None
         luma, camera = luma_u8(frame), person.fitted.camera
         tracks = person.klt.track(luma, camera, predicted) if self._has("klt") else None
-        trusted = self.confidence >= TRUSTED_CORRELATION and self._has("abs")
+        needed = TRUSTED_CORRELATION
+        if measurement is not None and _disagree(measurement.face.pose, predicted.pose):
+            needed = DISPUTED_CORRELATION
+        trusted = self.confidence >= needed and self._has("abs")
         start = self._fuse(person, predicted, measurement, tracks, trusted)
         start = self._fed_back(frame, start)
         fit = None
         if self._has("abs"):
             fit = self._fit(person, luma, initial_faces(start, measurement), ITERATIONS)
         confidence = 1.0 if fit is None else max(0.0, fit.correlation)
-        if trusted and confidence < TRUSTED_CORRELATION and self._fusion is not None:
+        if trusted and confidence < needed and self._fusion is not None:
             start = self._fusion.update(start, points_of=measurement)
         if fit is not None and fit.correlation < MIN_CORRELATION and measurement is not None:
             # Landmarks find a face that the texture does not match: they are used alone.
@@ -321,3 +328,9 @@ class ModelTracker:
         self._restart(person, face)
         self.confidence = confidence
         return face
+
+
+def _disagree(a: Pose, b: Pose) -> bool:
+    """Whether the rotations of two poses are more than `DISPUTED_DEG` apart."""
+    turn = matrix_from_quaternion(a.rotation).T @ matrix_from_quaternion(b.rotation)
+    return bool(np.trace(turn) < 1 + 2 * np.cos(np.radians(DISPUTED_DEG)))
