@@ -38,10 +38,6 @@ from shared_model.arrays import Array, Picture
 from shared_model.geometry import interpolate
 from shared_model.parameters import FaceParameters
 
-# Packets of the call's first seconds wait for their modes as long as the first packet was late for
-# its frame, at most so long.
-START_S, MAX_START_DELAY_S = 2.0, 0.3
-
 
 @dataclass(frozen=True, slots=True)
 class LiveSettings:
@@ -105,7 +101,7 @@ class LiveEncoder:
             early,
         )
         self._between, self._filler = FrameBetween(), PacketFiller(gop.frame_step)
-        self._coded_fps, self._late_start_s = coded_fps, 0.0
+        self._coded_fps, self._first_frame_s = coded_fps, 0.0
         target = RateTarget(settings.bitrate, coded_fps, gop.frames_per_packet)
         self._rate = OnlineRateController(target)
         self._coder = PacketCoder(self._rate, events.on_packet)
@@ -133,8 +129,7 @@ class LiveEncoder:
             self._encode(frame)
         passed_s = self._clock() - self._frame_begin_s
         if not had_model:
-            if self._pacing.in_real_time:
-                self._late_start_s = min(passed_s, MAX_START_DELAY_S)
+            self._first_frame_s = passed_s
             return
         lag_s = self._overload.record_frame_time(passed_s)
         self._stats.note_frame(passed_s, lag_s, level, is_omitted)
@@ -348,13 +343,9 @@ class LiveEncoder:
 
     @property
     def _held_frames(self) -> int:
-        """How many frames a packet is coded after its last one.
-
-        At first no packet need be sooner after its frames than the first one was.
-        """
-        is_start = self._position.frame - self._first_index < START_S * self._fps
-        delay_s = max(self._pacing.coding_delay_s, self._late_start_s if is_start else 0.0)
-        return int(delay_s * self._coded_fps)
+        """How many frames a packet is coded after its last one."""
+        age_s = (self._position.frame - self._first_index) / self._fps
+        return int(self._pacing.packet_delay_s(age_s, self._first_frame_s) * self._coded_fps)
 
     def _place(self, index: int) -> FramePlace:
         """Where the newest frame, source frame `index`, is in its packet."""

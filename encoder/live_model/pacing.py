@@ -17,6 +17,9 @@ LAYER_UPDATES = frozenset({0, 1, 2, 4, 6, 8})
 # Modes come about a tenth of a second after the frames that show what is missing: a packet may wait
 # so long after its last frame.
 CODING_DELAY_S = 0.08
+# Packets of the call's first seconds wait for their modes as long as the first packet was late for
+# its frame, at most so long: nothing is shown later for it.
+START_S, MAX_START_DELAY_S = 2.0, 0.3
 # The lag behind a camera grows no larger: it drops the frames that are not fetched.
 MAX_CAMERA_LAG_S = 0.3
 # Of fewer coded frames a second, landmarks are found in each.
@@ -32,7 +35,7 @@ class Pacing:
     max_lag_s: behind the source.
     delay_s: frames wait so long, in the source's time, after they have been seen: models are
         trained from those after them, too.
-    coding_delay_s: a packet is coded so long after its last frame.
+    coding_delay_s: a packet is coded so long after its last frame, see `packet_delay_s`.
     training_frames: to train from, and up to twice as many.
     mode_interval_s: between two updates of the modes, each of which changes the template of the
         texel fitter.
@@ -65,6 +68,15 @@ class Pacing:
     def frame_limit_s(self, fps: float) -> float:
         """How long a frame may take; infinite: any time."""
         return 1 / fps if self.in_real_time else inf
+
+    def packet_delay_s(self, age_s: float, first_frame_s: float) -> float:
+        """How long after its last frame a packet is coded.
+
+        age_s: of the call at its first frame.  first_frame_s: how long the call's first one took.
+        """
+        is_start = self.in_real_time and self.delay_s == 0 and age_s < START_S
+        at_start_s = min(first_frame_s, MAX_START_DELAY_S) if is_start else 0.0
+        return max(self.coding_delay_s, at_start_s)
 
     def alternates_landmarks(self, coded_fps: float) -> bool:
         """Whether the landmarks of every second coded frame are not looked for."""

@@ -1,7 +1,7 @@
 """A live call: frames go out as they come, and the model is trained again meanwhile."""
 
 from fractions import Fraction
-from itertools import pairwise
+from itertools import count, islice, pairwise
 from pathlib import Path
 
 from call_contents import packets_of, played
@@ -23,7 +23,7 @@ from encoder.pipeline import encode
 from protocol.call_file import CallWriter
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
-from protocol.packets import ControlKind, ControlPacket, FramePacket
+from protocol.packets import ControlKind, ControlPacket, FramePacket, parse_packet
 from protocol.pictures.layered_background import is_layered
 from shared_model.parameters import EAU_INDEX
 
@@ -133,3 +133,49 @@ def test_a_camera_may_leave_frames_out_and_be_switched_off(
     # Two frames between two others lie between them, too.
     low, high = sorted((jaw[19], jaw[22]))
     assert all(low - 0.1 <= value <= high + 0.1 for value in jaw[20:22])
+
+
+class FirstFrameClock:
+    """A clock by which the first frame takes a quarter of a second, and no other any time."""
+
+    def __init__(self) -> None:
+        self._calls = count()
+
+    def __call__(self) -> float:
+        return 0.25 if next(self._calls) else 0.0
+
+
+class FramePacketCounter(CallWriter):
+    """Counts the frame packets that it writes."""
+
+    frame_packets = 0
+
+    def send(self, packet: bytes) -> None:
+        """See `CallWriter`."""
+        self.frame_packets += isinstance(parse_packet(packet), FramePacket)
+        super().send(packet)
+
+
+def test_packets_of_the_first_seconds_are_no_later_than_the_first_one(
+    carphone: Path, networks: Path, tmp_path: Path
+) -> None:
+    stats, sent_at = SessionStats(), list[int]()
+    with (
+        open_source(str(carphone)) as capture,
+        FramePacketCounter(tmp_path / "call.rzo") as sink,
+        without_layers(),
+    ):
+        session = live_encoder(
+            capture, sink, stats, LIVE_MODEL_BYTES, realtime=True, clock=FirstFrameClock()
+        )
+        for index, picture in islice(capture, FRAMES):
+            session.frame(index, picture)
+            sent_at += [index] * (sink.frame_packets - len(sent_at))
+        fps = float(capture.fps)
+        session.end(index + 1)
+    # The last frames of a packet are known every second frame.
+    waits = [at - 8 * number for number, at in enumerate(sent_at)]
+    late = int(0.25 * fps)
+    assert waits[0] == 0 and set(waits[1:7]) <= {late, late + 1}
+    # After two seconds a packet is coded when it is full.
+    assert waits[-1] <= 1
