@@ -91,6 +91,12 @@ def matrix_from_quaternion(q: Array) -> Array:
     return np.ascontiguousarray(np.array(columns).T)
 
 
+def rotation_angle_deg(rotation: Array) -> float:
+    """The angle by which a rotation matrix (3, 3) turns, 0 to 180 degrees."""
+    cosine = (np.trace(rotation) - 1) / 2
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
 def quaternion_from_matrix(matrix: Array) -> Array:
     """Unit quaternion (4,) of a rotation matrix (3, 3), w >= 0."""
     m = np.asarray(matrix, dtype=np.float64)

@@ -88,17 +88,9 @@ class LiveEncoder:
         self._first_index = 0  # of the call's source frames
         updates = ModelUpdateSender(packets, stats, gop, fps, pacing.lead_packets)
         self._search, self._absence = CallerSearch(stats), AbsenceWatch()
+        shown = shown or FaceChoice()
         self._model = ModelLifecycle(
-            fps,
-            trainers,
-            updates,
-            stats,
-            learner,
-            pacing,
-            shown or FaceChoice(),
-            events,
-            clock,
-            early,
+            fps, trainers, updates, stats, learner, shown, events, clock, early
         )
         self._between, self._filler = FrameBetween(), PacketFiller(gop.frame_step)
         self._coded_fps, self._first_frame_s = coded_fps, 0.0

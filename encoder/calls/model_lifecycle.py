@@ -25,7 +25,6 @@ from encoder.live_model.learner import Learner, ModesTask, TrainingTask
 from encoder.live_model.model_schedule import ModelSchedule, TrainingFrames
 from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.other_face import FaceChoice
-from encoder.live_model.pacing import Pacing
 from shared_model.arrays import Array, Picture
 from shared_model.parameters import FaceParameters
 
@@ -38,6 +37,7 @@ class ModelLifecycle:
     """Trains, announces and switches the versions of one call's model.
 
     fps: of the source.
+    trainers: of the first versions; their pacing is that of all.
     learner: trains updates and learns modes.
     shown: whose face is shown.  clock: seconds from any origin.
     early: the first version, if it was made before there was a frame to send.
@@ -50,7 +50,6 @@ class ModelLifecycle:
         updates: ModelUpdateSender,
         stats: SessionStats,
         learner: Learner,
-        pacing: Pacing,
         shown: FaceChoice,
         events: CallEvents,
         clock: Callable[[], float],
@@ -58,6 +57,7 @@ class ModelLifecycle:
     ) -> None:
         self._fps, self._trainers, self._early = fps, trainers, early
         self._updates, self._stats, self._shown = updates, stats, shown
+        pacing = trainers.pacing
         self._learner, self._pacing, self._events = learner, pacing, events
         self._frames = TrainingFrames(pacing.training_frames)
         self._faces = 0  # source frames of the person's face

@@ -32,7 +32,7 @@ from encoder.thesis.track_loss import (
 )
 from shared_model.animate import Face
 from shared_model.arrays import Picture, VertexIndices
-from shared_model.geometry import matrix_from_quaternion
+from shared_model.geometry import matrix_from_quaternion, rotation_angle_deg
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters, Pose, with_focal_change
 
@@ -332,5 +332,5 @@ class ModelTracker:
 
 def _disagree(a: Pose, b: Pose) -> bool:
     """Whether the rotations of two poses are more than `DISPUTED_DEG` apart."""
-    turn = matrix_from_quaternion(a.rotation).T @ matrix_from_quaternion(b.rotation)
-    return bool(np.trace(turn) < 1 + 2 * np.cos(np.radians(DISPUTED_DEG)))
+    between = matrix_from_quaternion(a.rotation).T @ matrix_from_quaternion(b.rotation)
+    return rotation_angle_deg(between) > DISPUTED_DEG

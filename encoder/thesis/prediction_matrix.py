@@ -28,7 +28,7 @@ from encoder.fitting.gauss_newton import RELATIVE_TOLERANCE
 from encoder.fitting.increments import FACE_PARAMETERS, RIGID, apply_increment
 from runtime.image_ops import sample_bicubic
 from shared_model.arrays import Array, Indices, Single
-from shared_model.geometry import matrix_from_quaternion
+from shared_model.geometry import matrix_from_quaternion, rotation_angle_deg
 from shared_model.parameters import FaceParameters
 
 # Displacements of Table 2.4: shares of the face's width and height, degrees, scales, standard
@@ -307,5 +307,4 @@ def _roll_alignment(view: TrainingView, face: FaceParameters) -> tuple[Array, fl
     angle = np.arctan2(between[1, 0] - between[0, 1], between[0, 0] + between[1, 1])
     c, s = np.cos(angle), np.sin(angle)
     roll = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    cosine = (np.trace(roll.T @ between) - 1) / 2
-    return roll, float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+    return roll, rotation_angle_deg(roll.T @ between)

@@ -39,7 +39,7 @@ def _split_rows(plane: Array) -> tuple[Array, Array]:
     even, odd = plane[0::2].copy(), plane[1::2].copy()
     if len(odd):
         for index in range(len(_LIFT)):
-            _lift_rows(even, odd, index, _LIFT[index])
+            _lift(even, odd, index, _LIFT[index])
         even *= _GAIN
         odd /= _GAIN
     return even, odd
@@ -63,7 +63,7 @@ def _join_rows(low: Array, high: Array) -> Array:
         return low.copy()
     even, odd = low / _GAIN, high * _GAIN
     for index in range(len(_LIFT) - 1, -1, -1):
-        _lift_rows(even, odd, index, -_LIFT[index])
+        _lift(even, odd, index, -_LIFT[index])
     plane = np.empty((len(even) + len(odd), even.shape[1]))
     plane[0::2], plane[1::2] = even, odd
     return plane
@@ -83,27 +83,10 @@ def _join_columns(low: Array, high: Array) -> Array:
 
 
 @jit
-def _lift_rows(even: Array, odd: Array, index: int, factor: float) -> None:
-    """Lifting step `index` down the columns: even rows change by odd ones, or the other way round.
-
-    Neighbours are mirrored at the ends.
-    """
-    last_even, last_odd = len(even) - 1, len(odd) - 1
-    if index % 2:
-        for row in range(len(even)):
-            before, after = odd[max(row - 1, 0)], odd[min(row, last_odd)]
-            for column in range(even.shape[1]):
-                even[row, column] += factor * (before[column] + after[column])
-    else:
-        for row in range(len(odd)):
-            before, after = even[row], even[min(row + 1, last_even)]
-            for column in range(odd.shape[1]):
-                odd[row, column] += factor * (before[column] + after[column])
-
-
-@jit
 def _lift(even: Array, odd: Array, index: int, factor: float) -> None:
-    """The same in one row: even (n,), odd (m,)."""
+    """Lifting step `index` along the first axis: even samples or rows change by the odd ones beside
+    them, or the other way round; at the ends these are mirrored.
+    """
     last_even, last_odd = len(even) - 1, len(odd) - 1
     if index % 2:
         for k in range(len(even)):

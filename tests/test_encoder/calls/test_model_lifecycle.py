@@ -51,17 +51,8 @@ def test_a_call_without_a_face_has_no_version_and_ends_once(tmp_path: Path) -> N
     with open_source(str(tmp_path / "%d.png")) as capture, CallStreamWriter(io.BytesIO()) as sink:
         updates = ModelUpdateSender(PacketSender(sink, stats), stats, gop, 25.0)
         trainers = CallTrainers(capture.format, gop, BUDGETS["live"], UNPACED)
-        model = ModelLifecycle(
-            25.0,
-            trainers,
-            updates,
-            stats,
-            LocalLearner(),
-            UNPACED,
-            FaceChoice(),
-            CallEvents(),
-            lambda: 0.0,
-        )
+        learner, shown, events = LocalLearner(), FaceChoice(), CallEvents()
+        model = ModelLifecycle(25.0, trainers, updates, stats, learner, shown, events, lambda: 0.0)
         assert model.state is ModelState.SEARCHING
         with pytest.raises(ValueError, match="no face"):
             _ = model.version
