@@ -14,8 +14,8 @@ from aam.annotation.landmark_schemes import FaceLandmarks
 from aam.shape_space import FITTED_EAUS, shape_vector
 from aam.weak_pose import POSE_COUNT, perspective_pose, pose_vector, telephoto
 from encoder.detection.landmark_indices import EYELID_MARGINS, OUTER_EYE_CORNERS
-from encoder.fitting.bounded_step import bounded_step
 from encoder.fitting.eyelids import with_measured_eyelids
+from encoder.fitting.gauss_newton import Equations, Room, gauss_newton
 from encoder.fitting.identity import (
     AAU_SIGMA,
     DEPTH_SIGMA,
@@ -102,11 +102,17 @@ def fit_still(
     held = held or HeldValues.none()
     pose = _first_pose(model, target) if held.pose is None else held.pose
     aau, eau = held.start()
-    state = _State(pose, aau, np.zeros((len(residual_basis(head)), 3)), eau)
+    start = _State(pose, aau, np.zeros((len(residual_basis(head)), 3)), eau)
     camera = Camera(*size, TYPICAL_FOCAL_RATIO * max(size))
-    for _ in range(ITERATIONS):
-        lens = None if is_weak else camera
-        state = _step(model, state, target, sigma_px, lens, residual, held)
+    lens, controls = None if is_weak else camera, start.control_mm.size if residual else 0
+    state = gauss_newton(
+        lambda at: _equations(model, at, target, sigma_px, lens, controls),
+        start,
+        lambda at, step: _moved(at, step, controls),
+        ITERATIONS,
+        room=lambda at: _room(at, controls),
+        free=held.free(controls),
+    )
     if is_weak:
         camera, at = telephoto(state.pose, size)
     else:
@@ -189,47 +195,45 @@ def _project(
     return geometry.pixel_from_camera(camera, points), projection_jacobian(camera, points, every)
 
 
-def _step(
+def _equations(
     model: LandmarkModel,
     state: _State,
     target: Array,
     sigma_px: Array,
     camera: Camera | None,
-    residual: bool,
-    held: HeldValues,
-) -> _State:
-    """One Gauss-Newton step over AAUs, controls, EAUs, rotation, x, y, log scale."""
+    controls: int,
+) -> Equations:
+    """Normal equations of a step over AAUs, controls, EAUs, rotation, x, y, log scale.
+
+    controls: number of values of the residual shape that are fitted.
+    """
     personal = personalise(model, state.aau, state.control_mm)
     turn = geometry.quaternion_from_vector(state.pose[:3])
     orientation = geometry.normalise(geometry.multiply(np.array(FRONTAL), turn))
     rotation = geometry.matrix_from_quaternion(orientation)
     rotated, moved = rotated_points(personal, rotation, state.eau)
-    controls = (model.residual[:, None, None] * rotation.T[..., None]).reshape(-1, 3, len(rotated))
-    controls = controls if residual else controls[:0]
+    shape = (model.residual[:, None, None] * rotation.T[..., None]).reshape(-1, 3, len(rotated))
     fitted = np.array(FITTED_EAUS)
     fields = np.concatenate(
-        [rotate_fields(model.aau, rotation), controls, moved[6 + fitted], moved[:3]]
+        [rotate_fields(model.aau, rotation), shape[:controls], moved[6 + fitted], moved[:3]]
     )
     pixels, jacobian = _project(state.pose, rotated, fields, camera)
     rows = (jacobian / sigma_px).reshape(len(jacobian), -1)
     error = ((target[:, :2] - pixels).T / sigma_px).ravel()
     depth_rows, depth_error = _depth_evidence(state, rotated, fields, target, sigma_px)
     rows, error = np.hstack([rows, depth_rows]), np.append(error, depth_error)
-    sigma = _prior_sigma(len(controls), len(fitted))
+    sigma = _prior_sigma(controls, len(fitted))
     values = np.zeros(len(rows))
     values[: len(sigma)] = np.concatenate(
-        [state.aau, state.control_mm.ravel()[: len(controls)], state.eau[fitted]]
+        [state.aau, state.control_mm.ravel()[:controls], state.eau[fitted]]
     )
     precision = np.zeros(len(rows))
     precision[: len(sigma)] = 1 / sigma**2
-    normal = rows @ rows.T + np.diag(precision + 1e-9)
-    gradient, free = rows @ error - precision * values, held.free(len(controls))
-    solution = bounded_step(normal, gradient, free, *_room(state, len(controls)))
-    return _moved(state, solution, len(controls))
+    return rows @ rows.T + np.diag(precision + 1e-9), rows @ error - precision * values
 
 
-def _room(state: _State, controls: int) -> tuple[Array, Array]:
-    """How far each value of a step may go down and up, in the order of `_step`."""
+def _room(state: _State, controls: int) -> Room:
+    """How far each value of a step may go down and up, in the order of `_equations`."""
     others = np.full(controls, np.inf)
     low, high = eau_room(state.eau, np.array(FITTED_EAUS))
     pose = np.full(POSE_COUNT, np.inf)
@@ -264,7 +268,7 @@ def _prior_sigma(controls: int, eaus: int) -> Array:
 
 
 def _moved(state: _State, step: Array, controls: int) -> _State:
-    """The state after a step in the order of `_step`; the rotation is in camera axes."""
+    """The state after a step in the order of `_equations`; the rotation is in camera axes."""
     n, fitted = len(AAUS), np.array(FITTED_EAUS)
     end = n + controls + len(fitted)
     aau = np.clip(state.aau + step[:n], -AAU_LIMIT, AAU_LIMIT)

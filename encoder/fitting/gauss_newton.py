@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from encoder.fitting.bounded_step import bounded_step
-from shared_model.arrays import Array
+from shared_model.arrays import Array, Mask
 
 Equations = tuple[Array, Array]
 # How far each value of a step (n,) may go down, and up.
@@ -54,11 +54,14 @@ class Damping:
     absolute_ridge: float = 0.0
 
 
-def solved(normal: Array, right: Array, room: Room | None = None) -> Array:
-    """The step (n,) that solves normal equations within its room; None: there are no bounds."""
+def solve(normal: Array, right: Array, room: Room | None = None, free: Mask | None = None) -> Array:
+    """The step (n,) that solves normal equations within its room; None: there are no bounds.
+
+    free: (n,) what the step may move, where there are bounds; None: all.
+    """
     if room is None:
         return np.asarray(np.linalg.solve(normal, right), np.float64)
-    return bounded_step(normal, right, np.ones(len(right), bool), *room)
+    return bounded_step(normal, right, np.ones(len(right), bool) if free is None else free, *room)
 
 
 def gauss_newton(
@@ -68,6 +71,7 @@ def gauss_newton(
     iterations: int,
     min_decrease: float = -np.inf,
     room: Callable[[State], Room] | None = None,
+    free: Mask | None = None,
 ) -> State:
     """The state after some Gauss-Newton steps.
 
@@ -76,11 +80,12 @@ def gauss_newton(
     iterations: at most, and at least one; a step whose linearised decrease of the sum of squares
         is less than `min_decrease` is the last.
     room: how far each value of a step may go down and up; None: any way.
+    free: see `solve`.
     """
     state = start
     for _ in range(iterations):
         normal, right = equations(state)
-        step = solved(normal, right, room and room(state))
+        step = solve(normal, right, room and room(state), free)
         state = apply_step(state, step)
         if step @ right < min_decrease:
             break
@@ -140,4 +145,4 @@ def damped_step(
     normal, right = equations
     share = np.full(len(normal), damping.relative_ridge)
     share[: len(normal) - undamped] += factor
-    return solved(normal + np.diag(share * np.diag(normal) + damping.absolute_ridge), right, room)
+    return solve(normal + np.diag(share * np.diag(normal) + damping.absolute_ridge), right, room)
