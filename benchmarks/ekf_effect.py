@@ -13,7 +13,7 @@ import numpy as np
 
 from aam.charts import NEEDED, Line, Panel, chart_svg, has_charts
 from benchmarks.command import run, warn
-from encoder.thesis.model_tracker import TRACKER_PARTS
+from encoder.thesis.tracking_options import TRACKER_PARTS
 from loopback.report import markdown_line, markdown_table, write_report
 from risorius.face_track import FaceTrack, track
 from shared_model.arrays import Array

@@ -21,7 +21,8 @@ from decoder.scene.scene_parts import scene_parts
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import Capture, open_source
 from encoder.coding.model_packet import budget_for, build_thesis_model_packet, call_parameters
-from encoder.thesis.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
+from encoder.thesis.trackers import TRACKED_EAUS, open_tracker
+from encoder.thesis.tracking_options import TrackingOptions
 from loopback.quality.video_quality import TrackedFaceMask
 from shared_model.arrays import Array, Mask, Picture
 from shared_model.errors import UserError

@@ -17,7 +17,8 @@ import numpy as np
 
 from benchmarks.command import run, warn
 from encoder.capture.video_source import open_source
-from encoder.thesis.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, open_tracker
+from encoder.thesis.trackers import TRACKED_EAUS, FaceTracker, open_tracker
+from encoder.thesis.tracking_options import TrackingOptions
 from loopback.report import markdown_table, write_report
 from loopback.report_page import chart, environment, page, plotly_graphs
 from risorius.animation.animate import animate

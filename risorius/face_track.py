@@ -9,7 +9,8 @@ from typing import TextIO
 import numpy as np
 
 from encoder.capture.video_source import Capture, open_source
-from encoder.thesis.trackers import TrackingOptions, open_tracker
+from encoder.thesis.trackers import open_tracker
+from encoder.thesis.tracking_options import TrackingOptions
 from risorius.statistical_model import expression_search, landmark_source
 from risorius.track_files import FORMATS
 from runtime.parallel import prefetch

@@ -1,7 +1,7 @@
 """Fusion of KLT tracks, landmarks and the fit of the texture by the extended Kalman filter."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,28 +27,14 @@ LANDMARK_EAU_SIGMA = 0.07
 ERROR_DOUBLING_DEG = 15.0
 
 
-@dataclass(frozen=True, slots=True)
-class FilterOptions:
-    """What the filter's state is and how it projects.
-
-    projection: the measurement model.
-    free_focal: the focal length is estimated with the pose (4.6), not held.
-    """
-
-    projection: Projection = perspective
-    free_focal: bool = False
-
-
-DEFAULT_FILTER = FilterOptions()
-
-
 class MeasurementFusion:
     """Filters one person's face from frame to frame.
 
     camera, face: of the person.  start: the first face.  active: actuators that move.
     klt_count, landmark_count: number of points of each measurement.
     fit_points: (k,) vertices that represent the pose of the fit as measured points.
-    options: of the filter.
+    projection: the measurement model.
+    free_focal: the focal length is estimated with the pose (4.6), not held.
     """
 
     def __init__(
@@ -60,7 +46,8 @@ class MeasurementFusion:
         klt_count: int,
         landmark_count: int,
         fit_points: VertexIndices,
-        options: FilterOptions = DEFAULT_FILTER,
+        projection: Projection = perspective,
+        free_focal: bool = False,
     ) -> None:
         self._camera, self._face, self._active = camera, face, list(active)
         self._fit_points = fit_points
@@ -71,10 +58,10 @@ class MeasurementFusion:
         # The wire has one focal length, that of the identity.  A free one drifts together with the
         # depth, since one head hardly determines both.
         noise, uncertainty = ProcessNoise(focal_per_s=0.0), InitialUncertainty(focal_share=1e-6)
-        if options.free_focal:
+        if free_focal:
             noise, uncertainty = ProcessNoise(), InitialUncertainty()
-        self._free_focal = options.free_focal
-        eau, projection = start.eau[self._active], options.projection
+        self._free_focal = free_focal
+        eau = start.eau[self._active]
         self._filter = FaceFilter(
             camera, start.pose, eau, self._count, noise, uncertainty, projection
         )

@@ -15,28 +15,21 @@ from encoder.thesis.coarse_to_fine import fit_coarse_to_fine, initial_faces
 from encoder.thesis.detection_measurement import FrameMeasurement, FrameMeasurer
 from encoder.thesis.identity_refinement import MIN_EYE_DISTANCE_PX, IdentityRefiner
 from encoder.thesis.klt import KltTracker, Tracks, eye_distance_px
-from encoder.thesis.measurement_fusion import DEFAULT_FILTER, FilterOptions, MeasurementFusion
+from encoder.thesis.measurement_fusion import MeasurementFusion
 from encoder.thesis.model_feedback import ModelFeedback
-from encoder.thesis.person_texture import (
-    DEFAULT_OPTIONS,
-    GOOD_CORRELATION,
-    MAX_ATLAS_SIZES,
-    FitOptions,
-    PersonTexture,
-)
+from encoder.thesis.person_texture import GOOD_CORRELATION, MAX_ATLAS_SIZES, PersonTexture
 from encoder.thesis.track_loss import (
     MIN_CORRELATION,
     MIN_CORRELATION_RECOVERED,
     is_plausible,
     is_tracking_failure,
 )
+from encoder.thesis.tracking_options import TrackingOptions
 from shared_model.animate import Face
 from shared_model.arrays import Picture, VertexIndices
 from shared_model.geometry import matrix_from_quaternion, rotation_angle_deg
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters, Pose, with_focal_change
-
-TRACKER_PARTS = ("network", "klt", "ekf", "abs")
 
 # Number of points by which the fit of the texture is passed to the filter.
 FIT_POINTS = 20
@@ -76,12 +69,7 @@ class ModelTracker:
     active: actuators that may move after the first frame.  elapsed_s: from frame to frame.
     measurer: finds the face first and after it was lost; also measures every frame unless "network"
         is left out.
-    without: which of `TRACKER_PARTS` are left out.  fit_options: how the textured model is fitted.
-    klt_points: one of `KLT_POINTS`.
-    refine_identity: whether the identity is refined, if the measurer uses landmarks and "abs" is
-        not left out.
-    filter_options: of the filter.
-    feedback: measures the filter's face by a statistical model as well; None: nothing does.
+    options: of the full tracker.
     """
 
     def __init__(
@@ -90,21 +78,12 @@ class ModelTracker:
         active: Sequence[int],
         elapsed_s: float,
         measurer: FrameMeasurer,
-        without: frozenset[str] = frozenset(),
-        fit_options: FitOptions = DEFAULT_OPTIONS,
-        refine_identity: bool = False,
-        klt_points: str = "first",
-        filter_options: FilterOptions = DEFAULT_FILTER,
-        feedback: ModelFeedback | None = None,
+        options: TrackingOptions,
     ) -> None:
-        if not without <= set(TRACKER_PARTS):
-            expected = ", ".join(TRACKER_PARTS)
-            raise ValueError(f"without is {sorted(without)}, expected some of {expected}")
-        self._head, self._active = head, list(active)
-        self._elapsed_s, self._measurer, self._without = elapsed_s, measurer, without
-        self._fit_options, self._refine_identity = fit_options, refine_identity
-        self._klt_points = klt_points
-        self._filter_options, self._feedback = filter_options, feedback
+        self._head, self._active, self._options = head, list(active), options
+        self._elapsed_s, self._measurer = elapsed_s, measurer
+        search = options.expression_search
+        self._feedback = None if search is None else ModelFeedback(head, search)
         self._person: TrackedPerson | None = None
         self._identity_refiner: IdentityRefiner | None = None
         self._fusion: MeasurementFusion | None = None
@@ -151,7 +130,7 @@ class ModelTracker:
             self._restart(self._person, with_focal_change(self._last, ratio))
 
     def _has(self, part: str) -> bool:
-        return part not in self._without
+        return part not in self._options.without
 
     def _has_landmarks(self) -> bool:
         return self._has("network") and self._measurer.point_count > 0
@@ -165,10 +144,19 @@ class ModelTracker:
         luma = luma_u8(frame)
         face, start, camera = Face(self._head, fitted.identity), fitted.frames[0], fitted.camera
         textures = tuple(
-            PersonTexture(self._head, face, camera, luma, start, size, self._fit_options)
+            PersonTexture(
+                self._head,
+                face,
+                camera,
+                luma,
+                start,
+                size,
+                self._options.normalisation,
+                self._options.fitter,
+            )
             for size in MAX_ATLAS_SIZES
         )
-        follows = self._klt_points == "visible"
+        follows = self._options.klt_points == "visible"
         klt = KltTracker(face, luma, camera, start, replace_hidden=follows)
         chosen = np.linspace(0, len(klt.index) - 1, min(FIT_POINTS, len(klt.index))).astype(int)
         self._person = TrackedPerson(fitted, face, textures, klt, klt.index[chosen])
@@ -184,7 +172,7 @@ class ModelTracker:
     def _can_refine(self, fitted: IdentityFit) -> bool:
         is_large = eye_distance_px(fitted.camera, fitted.frames[0].pose) > MIN_EYE_DISTANCE_PX
         has_information = fitted.information is not None
-        return self._refine_identity and self._has("abs") and has_information and is_large
+        return self._options.refine_identity and self._has("abs") and has_information and is_large
 
     def _restart(self, person: TrackedPerson, face: FaceParameters) -> None:
         """Track from `face` on, with a new filter."""
@@ -197,7 +185,8 @@ class ModelTracker:
                 len(person.klt.index),
                 self._measurer.point_count,
                 person.fit_points,
-                self._filter_options,
+                self._options.measurement_model,
+                self._options.free_focal,
             )
         self._last, self._failures = face, 0
 

@@ -1,7 +1,7 @@
 """The textured model of one person that the tracker fits: one texture, changing illumination."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,20 +51,6 @@ MIN_CONTRAST_GREY = 0.1
 MIN_GAIN = 0.2
 
 
-@dataclass(frozen=True, slots=True)
-class FitOptions:
-    """How the textured model is fitted.
-
-    normalise: takes a BGR picture to the values that are compared.  fitter: how steps are computed.
-    """
-
-    normalise: Normalisation = luma_f32
-    fitter: type[TexelFitter] = TexelFitter
-
-
-DEFAULT_OPTIONS = FitOptions()
-
-
 class PersonTexture:
     """The texture of one person, fitted to pictures with gain, offset and slopes of illumination.
 
@@ -72,6 +58,7 @@ class PersonTexture:
 
     face: the person's shape.  frame, start: the first frame, which shows the texture, and its face.
     max_atlas_size: texels a side, at most.
+    normalise: takes a BGR picture to the values that are compared.  fitter: how steps are computed.
     """
 
     def __init__(
@@ -82,12 +69,14 @@ class PersonTexture:
         frame: Picture,
         start: FaceParameters,
         max_atlas_size: int,
-        options: FitOptions = DEFAULT_OPTIONS,
+        normalise: Normalisation = luma_f32,
+        fitter: type[TexelFitter] = TexelFitter,
     ) -> None:
         vertices = face.animate(start.eau)
         size = atlas_size_for(atlas_of(head, 64), camera, start.pose, vertices, max_atlas_size)
         atlas = atlas_of(head, size)
-        self._head, self._atlas, self._options = head, atlas, options
+        self._head, self._atlas = head, atlas
+        self._normalise, self._fitter_type = normalise, fitter
         self._pixels_per_texel = pixels_per_texel(atlas, camera, start.pose, vertices)
         self._fitter = self._empty_fitter(face, camera)
         texels = self._fitter.shape.atlas
@@ -109,11 +98,11 @@ class PersonTexture:
         self._fitter.train(crop, replace(start, modes=self._illumination))
 
     def _empty_fitter(self, face: Face, camera: Camera) -> TexelFitter:
-        count, options = len(self._atlas.rows), self._options
+        count = len(self._atlas.rows)
         zeros = np.zeros(count, np.float32)
         empty = Template(zeros, np.zeros((0, count), np.float32), zeros)
         shape = ShapeFreeFrame(face, self._atlas, camera)
-        return options.fitter(face, shape, empty, options.normalise)
+        return self._fitter_type(face, shape, empty, self._normalise)
 
     def set_shape(self, face: Face, camera: Camera, start: FaceParameters) -> None:
         """Fit the same texture on another shape.  start: the face in the first frame."""
@@ -205,7 +194,7 @@ class PersonTexture:
 
     def _sample(self, crop: Crop, face: FaceParameters) -> Single:
         positions = crop.to_crop_px(self._fitter.shape.positions(face))
-        values = self._options.normalise(crop.picture)
+        values = self._normalise(crop.picture)
         return np.asarray(sample_bicubic(values, positions)[:, 0], np.float32)
 
     def _crop(self, frame: Picture, face: FaceParameters) -> Crop:

@@ -1,18 +1,13 @@
 """The trackers' common interface and factory, and trackers that measure every frame by itself."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Protocol
 
-from encoder.appearance.photometric import NORMALISATIONS
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.detector import Warn, warn_of_several_faces
 from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
-from encoder.fitting.analysis_by_synthesis import TexelFitter
-from encoder.fitting.expression_search import ExpressionSearch
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity, generic_identity
 from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, landmark_model, personalise
@@ -23,32 +18,15 @@ from encoder.thesis.detection_measurement import (
     HaarMeasurer,
     LandmarkMeasurer,
 )
-from encoder.thesis.klt import KLT_POINTS
-from encoder.thesis.measurement_fusion import FilterOptions
-from encoder.thesis.measurement_model import PROJECTIONS
-from encoder.thesis.model_feedback import ModelFeedback
-from encoder.thesis.model_tracker import TRACKER_PARTS, ModelTracker
+from encoder.thesis.model_tracker import ModelTracker
 from encoder.thesis.network_landmarks import NetworkLandmarks
-from encoder.thesis.person_texture import FitOptions
-from encoder.thesis.prediction_matrix import PredictionMatrixFitter
-from encoder.thesis.symmetry import MirroredMatrixFitter, SymmetricTexelFitter
+from encoder.thesis.tracking_options import TrackingOptions as TrackingOptions
 from protocol.frames.scalar_quantiser import sent_eaus
 from shared_model.arrays import Array, Picture
-from shared_model.errors import UserError
 from shared_model.geometry import interpolate
 from shared_model.mesh import Head
 from shared_model.parameters import EAU_INDEX, FaceParameters
 
-DETECTORS = ("network", "haar")
-TRACKERS = ("single", "full")
-# How the analysis by synthesis computes its steps: by the gradient of each picture, the same with
-# symmetry for turned faces, by the prediction matrices of the thesis, or by these with symmetry.
-FITTERS: Mapping[str, type[TexelFitter]] = {
-    "gauss-newton": TexelFitter,
-    "mirrored": SymmetricTexelFitter,
-    "matrix": PredictionMatrixFitter,
-    "mirrored-matrix": MirroredMatrixFitter,
-}
 # The actuators of the thesis profile, and the lids even if they are not sent: brows would otherwise
 # be fitted to blinks.
 TRACKED_EAUS = tuple(EAU_INDEX[name] for name in sent_eaus(with_eyelids=True))
@@ -87,40 +65,6 @@ class FaceTracker(Protocol):
         """Use a refined identity from the next frame on."""
 
 
-@dataclass(frozen=True, slots=True)
-class TrackingOptions:
-    """Options of `open_tracker`.
-
-    detector: one of `DETECTORS`; has no effect with `landmarks`.
-    tracker: "single" measures every frame by itself, "full" is `ModelTracker`.
-    without: parts of the full tracker to leave out, some of `TRACKER_PARTS`.
-    normalise: photometric normalisation of the full tracker, one of `NORMALISATIONS`.
-    step: how the full tracker fits the texture, one of `FITTERS`.
-    klt_points: one of `KLT_POINTS`, of the full tracker.
-    eyelids: find and send the eyelids, by the iris network.
-    refine_identity: refine the identity during the call; the full tracker only.
-    landmarks: finds landmarks instead of the network; None: the detector says how.
-    nose: see `HaarDetector`.
-    projection: how the full tracker's filter projects points, one of `PROJECTIONS`.
-    free_focal: the focal length is in the full tracker's state, see `FilterOptions`.
-    expression_search: measures what the full tracker's filter has, see `ModelFeedback`.
-    """
-
-    detector: str = "network"
-    tracker: str = "full"
-    without: frozenset[str] = frozenset()
-    normalise: str = "none"
-    step: str = "gauss-newton"
-    eyelids: bool = False
-    refine_identity: bool = True
-    landmarks: LandmarkSource | None = None
-    nose: Path | None = None
-    klt_points: str = "first"
-    projection: str = "perspective"
-    free_focal: bool = False
-    expression_search: ExpressionSearch | None = None
-
-
 def open_tracker(
     options: TrackingOptions,
     head: Head,
@@ -132,15 +76,8 @@ def open_tracker(
     """The tracker for `options`; with Viola-Jones' detector where the networks are missing.
 
     size: (width, height) of the picture.  active: actuators that may move after the first frame.
-    elapsed_s: from frame to frame.  Raises `UserError` for an unknown option.
+    elapsed_s: from frame to frame.
     """
-    _check("detector", [options.detector], DETECTORS)
-    _check("tracker", [options.tracker], TRACKERS)
-    _check("part", options.without, TRACKER_PARTS)
-    _check("normalisation", [options.normalise], tuple(NORMALISATIONS))
-    _check("step", [options.step], tuple(FITTERS))
-    _check("choice of points", [options.klt_points], KLT_POINTS)
-    _check("projection", [options.projection], tuple(PROJECTIONS))
     landmarks = options.landmarks
     if landmarks is None and options.detector == "network":
         landmarks = _network_landmarks(warn, options.eyelids)
@@ -150,30 +87,10 @@ def open_tracker(
             measurer = HaarMeasurer(head, size, HaarDetector(options.nose), warn)
         else:
             measurer = LandmarkMeasurer(head, size, active, landmarks, warn)
-        search = options.expression_search
-        feedback = None if search is None else ModelFeedback(head, search)
-        fit = FitOptions(NORMALISATIONS[options.normalise], FITTERS[options.step])
-        return ModelTracker(
-            head,
-            active,
-            elapsed_s,
-            measurer,
-            options.without,
-            fit,
-            options.refine_identity,
-            options.klt_points,
-            FilterOptions(PROJECTIONS[options.projection], options.free_focal),
-            feedback,
-        )
+        return ModelTracker(head, active, elapsed_s, measurer, options)
     if landmarks is None:
         return HaarPoseTracker(head, size, HaarDetector(options.nose), warn)
     return LandmarkFitTracker(head, size, active, landmarks, warn)
-
-
-def _check(what: str, chosen: Iterable[str], known: Sequence[str]) -> None:
-    for name in chosen:
-        if name not in known:
-            raise UserError(f"{what} {name} is unknown; choose one of {', '.join(known)}")
 
 
 def _network_landmarks(warn: Warn, eyelids: bool) -> NetworkLandmarks | None:

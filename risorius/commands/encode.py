@@ -142,7 +142,7 @@ def _encode(options: "EncodeOptions", stop: StopOnSignal, quiet: bool) -> "Encod
 
 def _encode_options(arguments: argparse.Namespace, link: LinkOptions | None) -> "EncodeOptions":
     from encoder.options import EncodeOptions
-    from encoder.thesis.trackers import TrackingOptions
+    from encoder.thesis.tracking_options import TrackingOptions
     from risorius.call_drawing import draw
     from risorius.statistical_model import expression_search, landmark_source
 

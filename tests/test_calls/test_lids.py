@@ -11,7 +11,7 @@ from shots import draw
 from decoder.playout.playout import PlayoutFrame
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
-from encoder.thesis.trackers import TrackingOptions
+from encoder.thesis.tracking_options import TrackingOptions
 from protocol.call_file import CallReader
 from protocol.model_packet import EYELIDS_FORMAT, ModelPacket
 from protocol.packets import parse_packet

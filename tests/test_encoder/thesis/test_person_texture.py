@@ -14,7 +14,7 @@ from encoder.thesis.coarse_to_fine import (
     brow_starts,
     opposite_starts,
 )
-from encoder.thesis.person_texture import UPDATE_INTERVAL, FitOptions, PersonTexture
+from encoder.thesis.person_texture import UPDATE_INTERVAL, PersonTexture
 from shared_model.geometry import pose_from_euler
 from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
 
@@ -52,7 +52,7 @@ def test_a_shadow_over_half_the_face_misleads_luma_but_not_retinex(
     gain = 0.35 + 0.65 / (1 + np.exp(-np.clip(away_px / 8, -30, 30)))
     picture = np.asarray(np.rint(studio.draw(truth) * gain[None, :, None]), np.uint8)
     by_luma = texture_of(studio)
-    by_retinex = PersonTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, FitOptions(retinex))
+    by_retinex = PersonTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, retinex)
     off = [
         angle_error_deg(fitted(texture, picture, REST, [JAW], 12).face, truth)
         for texture in (by_luma, by_retinex)

@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 from studio import CAMERA, FACE, HEAD, JAW, PLACE, REST, Studio, angle_error_deg, fitted
 
-from encoder.thesis.person_texture import (
-    DEFAULT_OPTIONS,
-    UPDATE_INTERVAL,
-    FitOptions,
-    PersonTexture,
-)
+from encoder.fitting.analysis_by_synthesis import TexelFitter
+from encoder.thesis.person_texture import UPDATE_INTERVAL, PersonTexture
 from encoder.thesis.symmetry import (
     MIRROR_DEG,
     MirroredMatrixFitter,
@@ -21,16 +17,14 @@ from shared_model.geometry import pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS
 from shared_model.parameters import FaceParameters
 
-MIRRORED = FitOptions(fitter=SymmetricTexelFitter)
-
 
 @pytest.fixture(scope="module")
 def studio() -> Studio:
     return Studio()
 
 
-def texture_of(studio: Studio, synthesis: FitOptions) -> PersonTexture:
-    return PersonTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, synthesis)
+def texture_of(studio: Studio, fitter: type[TexelFitter]) -> PersonTexture:
+    return PersonTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, fitter=fitter)
 
 
 def turned(yaw: float, off: float = 0.0) -> FaceParameters:
@@ -65,8 +59,8 @@ def test_mirrored_texels_lie_on_opposite_sides() -> None:
 def test_a_slightly_turned_face_is_not_mirrored(studio: Studio, yaw: float) -> None:
     first, picture = studio.draw(REST), studio.draw(turned(yaw))
     textures = (
-        PersonTexture(HEAD, FACE, CAMERA, first, REST, 96, kind)
-        for kind in (MIRRORED, DEFAULT_OPTIONS)
+        PersonTexture(HEAD, FACE, CAMERA, first, REST, 96, fitter=kind)
+        for kind in (SymmetricTexelFitter, TexelFitter)
     )
     one, other = (
         fitted(texture, picture, turned(yaw, 1.5), [JAW], 3).face.pose for texture in textures
@@ -77,7 +71,7 @@ def test_a_slightly_turned_face_is_not_mirrored(studio: Studio, yaw: float) -> N
 @pytest.mark.parametrize("yaw", [-32.0, 32.0])
 def test_an_occluder_of_the_far_half_has_no_influence(studio: Studio, yaw: float) -> None:
     picture, start = studio.draw(turned(yaw)), turned(yaw, 1.0)
-    texture = texture_of(studio, MIRRORED)
+    texture = texture_of(studio, SymmetricTexelFitter)
 
     def found(seen: np.ndarray) -> FaceParameters:
         return fitted(texture, seen, start, [JAW], 1).face
@@ -98,7 +92,7 @@ def test_the_mirrored_half_fits_a_symmetric_face(studio: Studio, yaw: float) -> 
         sides = studio.draw(even(degrees)), studio.draw(even(-degrees))[:, ::-1]
         return np.asarray(np.rint(np.mean(sides, axis=0)), np.uint8)
 
-    texture = PersonTexture(HEAD, FACE, CAMERA, drawn(0), even(0), 96, MIRRORED)
+    texture = PersonTexture(HEAD, FACE, CAMERA, drawn(0), even(0), 96, fitter=SymmetricTexelFitter)
     found = fitted(texture, drawn(yaw), even(yaw), [JAW], 0)
     assert found.correlation > 0.78
     ahead = fitted(texture, drawn(0), even(0), [JAW], 0)
@@ -108,7 +102,7 @@ def test_the_mirrored_half_fits_a_symmetric_face(studio: Studio, yaw: float) -> 
 @pytest.mark.parametrize("yaw", [-32.0, 32.0])
 def test_matrices_of_a_turned_face_do_without_its_far_half(studio: Studio, yaw: float) -> None:
     start = turned(yaw, 1.0)
-    texture = texture_of(studio, FitOptions(fitter=MirroredMatrixFitter))
+    texture = texture_of(studio, MirroredMatrixFitter)
     # Its direction is trained where the face is known, as in a call.
     for angle in (0.4 * yaw, 0.8 * yaw, yaw):
         face = turned(angle)

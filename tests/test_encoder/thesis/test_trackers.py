@@ -1,5 +1,7 @@
 """Which tracker the options open, and which options are refused."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -15,9 +17,9 @@ from encoder.thesis.trackers import (
     FaceTracker,
     HaarPoseTracker,
     LandmarkFitTracker,
-    TrackingOptions,
     open_tracker,
 )
+from encoder.thesis.tracking_options import TrackingOptions
 from shared_model.arrays import Picture
 from shared_model.errors import UserError
 from shared_model.geometry import euler_deg, interpolate, pose_from_euler
@@ -52,20 +54,18 @@ def test_viola_jones_replaces_missing_networks(
 
 
 @pytest.mark.parametrize(
-    ("options", "complaint"),
+    ("choice", "complaint"),
     [
-        (TrackingOptions(detector="guess"), "detector guess is unknown"),
-        (TrackingOptions(tracker="guess"), "tracker guess is unknown"),
-        (TrackingOptions(step="guess"), "step guess is unknown; choose one of gauss-newton"),
-        (TrackingOptions(normalise="guess"), "normalisation guess is unknown; choose one of none"),
-        (TrackingOptions(without=frozenset({"guess"})), "part guess is unknown; choose one of net"),
+        ({"detector": "guess"}, "detector guess is unknown"),
+        ({"tracker": "guess"}, "tracker guess is unknown"),
+        ({"step": "guess"}, "step guess is unknown; choose one of gauss-newton"),
+        ({"normalise": "guess"}, "normalisation guess is unknown; choose one of none"),
+        ({"without": frozenset({"guess"})}, "part guess is unknown; choose one of net"),
     ],
 )
-def test_an_unknown_option_is_a_user_error(
-    networks: object, options: TrackingOptions, complaint: str
-) -> None:
+def test_an_unknown_choice_is_a_user_error(choice: dict[str, Any], complaint: str) -> None:
     with pytest.raises(UserError, match=complaint):
-        opened(options)
+        TrackingOptions(**choice)
 
 
 @pytest.mark.parametrize("kind", ["single", "full"])
