@@ -12,18 +12,20 @@ import json
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
+from benchmarks.browser import Browser, find_browser
 from benchmarks.command import PROGRAM, run
-from benchmarks.figure_image import write_svg
 from loopback.bench import check_recorded, mean_figures
 from loopback.curves.curve_bench import OURS, Duel, duel_rows
 from loopback.curves.curve_page import mean_figure
 from loopback.curves.points import MEASURES, Point
-from loopback.report import markdown_table
-from loopback.report_page import plotly_graphs
+from loopback.report import markdown_table, write_report
+from loopback.report_page import chart, page, plotly_graphs
 from shared_model.errors import UserError
 
 MEASUREMENTS = Path(__file__).resolve().parent.parent / "docs" / "measurements.md"
@@ -221,6 +223,27 @@ def draw_curves(report: Mapping[str, Any], path: Path) -> None:
     figure.layout.updatemenus = []
     figure.update_layout(font_size=13, margin={"l": 40, "r": 10, "t": 30, "b": 40})
     write_svg(figure, path, 960, 640)
+
+
+def write_svg(figure: Any, path: Path, width: int, height: int) -> None:
+    """Draw a figure into an SVG file, pixels.  Raises `UserError` if there is no browser."""
+    program = find_browser()
+    if program is None:
+        raise UserError("pictures of charts need Chromium: apt-get install chromium")
+    with TemporaryDirectory() as folder:
+        html = Path(folder) / "figure.html"
+        html.write_bytes(page("figure", [chart(figure)]))
+        with Browser(program, Path(folder) / "profile", width, height) as browser:
+            browser.call("Page.navigate", url=html.as_uri())
+            browser.wait("document.querySelectorAll('.main-svg').length > 0")
+            browser.value(
+                "Plotly.toImage(document.querySelector('.plotly-graph-div'),"
+                f" {{format: 'svg', width: {width}, height: {height}}})"
+                ".then(url => { window.drawn = url; }), 0"
+            )
+            browser.wait("Boolean(window.drawn)")
+            url = str(browser.value("window.drawn"))
+    write_report(path, unquote(url.split(",", 1)[1]).encode())
 
 
 if __name__ == "__main__":

@@ -1,15 +1,16 @@
 """Normals of a triangle mesh."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shared_model.arrays import Array, VertexIndices
+from shared_model.arrays import Array
 
 
-def vertex_normals(vertices: Array, triangles: VertexIndices) -> Array:
+def vertex_normals(vertices: Array, triangles: NDArray[np.integer]) -> Array:
     """(n, 3) unit outward normals, the area-weighted mean of each vertex' triangles.
 
     vertices: (n, 3) float64, any frame and unit.
-    triangles: (m, 3) int32, counter-clockwise seen from outside.
+    triangles: (m, 3), counter-clockwise seen from outside.
     """
     a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
     flat = np.cross(b - a, c - a)

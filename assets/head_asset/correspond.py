@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from assets.head_asset.mesh_parts import SKIN, Mesh
-from assets.head_asset.network import CAMERA, POINTS, Sight, see, vertex_normals
+from assets.head_asset.network import CAMERA, POINTS, Sight, see
 from encoder.detection.landmarks import FaceMesh
 from shared_model.arrays import Array, Integers, Mask
 from shared_model.geometry import camera_from_head, pixel_from_head
+from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
 
 # Inner rims of the lips, from the subject's right corner to the left one, corners left out.

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from assets.head_asset.mesh_parts import SKIN, Mesh
 from assets.head_asset.paint import pixel_colours
@@ -15,6 +14,7 @@ from encoder.detection.landmarks import FaceMesh
 from encoder.detection.roi import RotatedRoi, roi_from_landmarks
 from shared_model.arrays import Array, Picture
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
+from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
 
 POINTS = LANDMARK_COUNT
@@ -73,16 +73,6 @@ def shade(mesh: Mesh, vertices: Array, pose: Pose, hits: Hits) -> Picture:
     picture[seen] = pixel_colours(mesh, triangle, weights) * lit[:, None]
     smooth = cv2.GaussianBlur(picture[..., ::-1], (0, 0), 0.8)
     return np.asarray(np.clip(smooth * 255 + 0.5, 0, 255), np.uint8)
-
-
-def vertex_normals(vertices: Array, triangles: NDArray[np.integer]) -> Array:
-    """(n, 3) unit normals, averaged by area."""
-    corners = vertices[triangles]
-    facet = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(normals, triangles[:, k], facet)
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
 
 
 def _find(network: FaceMesh, picture: Picture, square: RotatedRoi) -> Array:

@@ -15,8 +15,7 @@ from decoder.playout.concealment import SmoothReturn
 from decoder.playout.encoder_session import EncoderSession
 from decoder.playout.playout import PlayoutFrame
 from decoder.playout.received_models import picture_of
-from decoder.sound.call_speech import CallSpeech
-from decoder.sound.speech_frames import SpeechFrames
+from decoder.sound.speech_frames import CallSpeech, SpeechFrames
 from protocol.errors import ProtocolError
 from protocol.link.interface import Arrival
 from protocol.model_packet import ModelPacket

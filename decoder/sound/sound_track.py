@@ -4,8 +4,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from decoder.sound.call_speech import CallSpeech
 from decoder.sound.speech_decoder import open_speech_decoder, voice_is_decodable
+from decoder.sound.speech_frames import CallSpeech
 from decoder.sound.voice_decoder import VoiceDecoder
 from protocol.call_parameters import CallParameters
 from shared_model.arrays import Samples

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from decoder.sound.call_speech import CallSpeech
 from decoder.sound.speech_decoder import SpeechDecoder
+from decoder.sound.speech_frames import CallSpeech
 from protocol.errors import ProtocolError
 from protocol.voice.voice_block import SPEECH_FRAMES_PER_SECOND
 from shared_model.arrays import Samples

@@ -18,12 +18,6 @@ from encoder.thesis.klt import KltTracker, Tracks, eye_distance_px
 from encoder.thesis.measurement_fusion import MeasurementFusion
 from encoder.thesis.model_feedback import ModelFeedback
 from encoder.thesis.person_texture import GOOD_CORRELATION, MAX_ATLAS_SIZES, PersonTexture
-from encoder.thesis.track_loss import (
-    MIN_CORRELATION,
-    MIN_CORRELATION_RECOVERED,
-    is_plausible,
-    is_tracking_failure,
-)
 from encoder.thesis.tracking_options import TrackingOptions
 from shared_model.animate import Face
 from shared_model.arrays import Picture, VertexIndices
@@ -47,6 +41,16 @@ TRUSTED_CORRELATION = 0.95
 DISPUTED_CORRELATION, DISPUTED_DEG = 0.8, 12.0
 # Successive frames without a trustworthy face after which it is lost.
 LOST_AFTER_FRAMES = 3
+# Correlation with the person's texture below which tracking has failed.
+MIN_CORRELATION = 0.5
+# The same in frames in which the landmark network finds no face.
+MIN_CORRELATION_UNDETECTED = 0.75
+# The same for a face that is found again, which needs more evidence than one that is tracked.
+MIN_CORRELATION_RECOVERED = 0.6
+# Share of the KLT points that are tracked, below which KLT alone has failed.
+MIN_INLIER_SHARE = 0.3
+# Ratio to the first depth, or inverse ratio, from which a pose is implausible.
+MAX_DEPTH_RATIO = 6.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,3 +327,19 @@ def _disagree(a: Pose, b: Pose) -> bool:
     """Whether the rotations of two poses are more than `DISPUTED_DEG` apart."""
     between = matrix_from_quaternion(a.rotation).T @ matrix_from_quaternion(b.rotation)
     return rotation_angle_deg(between) > DISPUTED_DEG
+
+
+def is_tracking_failure(undetected: bool, tracks: Tracks | None, fit: TextureFit | None) -> bool:
+    """Whether the measurements of a frame contradict the predicted face.
+
+    undetected: the landmark network has processed the frame and found no face.
+    """
+    if fit is not None:
+        return fit.correlation < (MIN_CORRELATION_UNDETECTED if undetected else MIN_CORRELATION)
+    return undetected or (tracks is not None and tracks.inlier_share < MIN_INLIER_SHARE)
+
+
+def is_plausible(face: FaceParameters, fitted: IdentityFit) -> bool:
+    """Whether the head is in front of the camera, at a depth comparable to the first one."""
+    ratio = face.pose.translation_mm[2] / fitted.frames[0].pose.translation_mm[2]
+    return bool(1 / MAX_DEPTH_RATIO < ratio < MAX_DEPTH_RATIO)

@@ -5,13 +5,14 @@ from typing import Protocol
 
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.detector import Warn, warn_of_several_faces
-from encoder.detection.landmarks import LandmarkTracker
+from encoder.detection.landmarks import Landmarks, LandmarkTracker
+from encoder.detection.roi import roi_from_landmarks
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity, generic_identity
 from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, landmark_model, personalise
-from encoder.fitting.landmark_source import LandmarkSource
+from encoder.fitting.landmark_source import ExpectedFace, LandmarkSource
 from encoder.fitting.pose_initialisation import pose_from_three_points
 from encoder.thesis.detection_measurement import (
     FrameMeasurer,
@@ -19,7 +20,6 @@ from encoder.thesis.detection_measurement import (
     LandmarkMeasurer,
 )
 from encoder.thesis.model_tracker import ModelTracker
-from encoder.thesis.network_landmarks import NetworkLandmarks
 from encoder.thesis.tracking_options import TrackingOptions as TrackingOptions
 from protocol.frames.scalar_quantiser import sent_eaus
 from shared_model.arrays import Array, Picture
@@ -91,6 +91,28 @@ def open_tracker(
     if landmarks is None:
         return HaarPoseTracker(head, size, HaarDetector(options.nose), warn)
     return LandmarkFitTracker(head, size, active, landmarks, warn)
+
+
+class NetworkLandmarks:
+    """A `LandmarkSource` by the network, which looks where the face is expected."""
+
+    sigma_ratio, every_frame = 1.0, True
+
+    def __init__(self, tracker: LandmarkTracker) -> None:
+        self._tracker = tracker
+
+    @property
+    def face_count(self) -> int:
+        """See `LandmarkSource`."""
+        return self._tracker.face_count
+
+    def expect(self, face: ExpectedFace | None) -> None:
+        """See `LandmarkSource`."""
+        self._tracker.set_roi(None if face is None else roi_from_landmarks(face.points_px))
+
+    def update(self, frame: Picture, next_frame: Picture | None = None) -> Landmarks | None:
+        """See `LandmarkSource`."""
+        return self._tracker.update(frame, next_frame)
 
 
 def _network_landmarks(warn: Warn, eyelids: bool) -> NetworkLandmarks | None:

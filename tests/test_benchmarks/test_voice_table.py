@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from sounds import write_wave
 
-from benchmarks.voice_table.__main__ import main
-from benchmarks.voice_table.chain import measure
+from benchmarks.voice_table import main, measure
 from shared_model.arrays import Samples
 from shared_model.errors import UserError
 

@@ -8,9 +8,8 @@ import pytest
 from av.audio.codeccontext import AudioCodecContext
 from sounds import voiced_sound
 
-from decoder.sound.call_speech import CallSpeech
 from decoder.sound.speech_decoder import OPUS_OUTPUT_RATE_HZ, OpusDecoder
-from decoder.sound.speech_frames import SpeechFrames
+from decoder.sound.speech_frames import CallSpeech, SpeechFrames
 from decoder.sound.voice_decoder import VoiceDecoder
 from encoder.sound.speech_encoder import OPUS_RATE_HZ, OpusEncoder
 

@@ -61,7 +61,7 @@ IMPORTERS = {
     },
     "pycodec2": {"decoder/sound/speech_decoder.py", "encoder/sound/speech_encoder.py"},
     "serial": {"protocol/link/serial_carrier.py"},
-    "webrtcvad": {"encoder/sound/speech_gate.py"},
+    "webrtcvad": {"encoder/sound/speech_coder.py"},
     "zenoh": {
         "protocol/link/zenoh_direction.py",
         "protocol/link/zenoh_link.py",
