@@ -157,7 +157,7 @@ def test_the_most_diverse_keyframes_are_kept(film: list[tuple[Picture, FaceParam
     assert keyframes.keyframes[0].face.pose.translation_mm[2] == pytest.approx(1.1 * before)
 
 
-def test_a_result_comes_once_at_a_fixed_frame_and_keyframes_are_added_after_its_adoption(
+def test_a_result_comes_once_and_keyframes_are_added_after_its_adoption(
     film: list[tuple[Picture, FaceParameters]],
 ) -> None:
     person = guessed(6.0)

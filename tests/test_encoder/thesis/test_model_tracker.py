@@ -180,7 +180,7 @@ def test_the_fit_of_the_texture_corrects_noisy_landmarks(film: list[Picture]) ->
 @pytest.mark.parametrize(
     ("noise_grey", "aside_deg", "left_out"), [(0, 15, ()), (25, 20, ("klt",))], ids=str
 )
-def test_landmarks_that_are_turned_alike_do_not_turn_a_face_that_the_texture_explains(
+def test_landmarks_turned_alike_do_not_turn_a_face_that_the_texture_explains(
     film: list[Picture], noise_grey: float, aside_deg: float, left_out: tuple[str, ...]
 ) -> None:
     measurer, random = TruthMeasurer(), np.random.default_rng(2)
