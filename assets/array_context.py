@@ -122,7 +122,7 @@ class CoefficientContext:
 
 @dataclass(frozen=True, slots=True)
 class ContextTerms:
-    """Padded grids, all in one flat array, and the sums that are taken of them."""
+    """Padded grids, joined to one flat array, and the sums that a context takes of their cells."""
 
     grids: Integers
     sums: ContextOffsets

@@ -81,7 +81,7 @@ def commands(name: str, clips: Sequence[str], out: Path) -> dict[Path, list[str]
 
 
 def markdown(name: str, reports: Sequence[Mapping[str, Any]]) -> str:
-    """The table of a set by its reports, and the commands that have measured it."""
+    """The table of a set of reports, and the commands that have measured them."""
     if name == "curves":
         return _curves_markdown(reports[0])
     if len(reports) > 1:

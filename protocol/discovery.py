@@ -155,9 +155,10 @@ class CallAnnouncer(_GroupThread):
 
 
 class CallWatch(_GroupThread):
-    """Notices where the other end of a call says that it listens now, until it is closed.
+    """Notices, until closed, at which places the other end of a call announces that it listens.
 
-    is_encoder: whether that is the call's encoder.  on_notice: called in a thread of its own.
+    is_encoder: whether the other end is the call's encoder.
+    on_notice: called in a thread of its own.
     address: of the network interface; None: that of the default route.
     """
 

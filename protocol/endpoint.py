@@ -77,17 +77,17 @@ class Endpoint:
 
     @property
     def is_device(self) -> bool:
-        """Whether it is no place in a network."""
+        """Whether the endpoint is a device of this host, not a place in a network."""
         return self.scheme in DEVICE_SCHEMES
 
     @property
     def is_quic(self) -> bool:
-        """Whether it is QUIC: nothing tells an end of it at once that the other one has ended."""
+        """Whether the endpoint is QUIC's, which does not tell at once that the other end has gone."""
         return self.scheme == "quic" or (self.scheme == "udp" and self.is_reliable)
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this host can reach it, or the device at the other end of a line."""
+        """Whether only this host can reach the endpoint, or who is at the other end of a line."""
         if self.is_device or self.host == "localhost":
             return True
         try:
@@ -97,7 +97,7 @@ class Endpoint:
 
     @property
     def is_any(self) -> bool:
-        """Whether it stands for all addresses of this host."""
+        """Whether the endpoint stands for all addresses of this host."""
         try:
             return ip_address(self.host).is_unspecified
         except ValueError:
@@ -105,10 +105,10 @@ class Endpoint:
 
 
 def parse_endpoint(text: str) -> Endpoint:
-    """The endpoint that a user named; without a host all addresses of this one, without a port
-    `DEFAULT_PORT`.
+    """The endpoint that a user named.
 
-    Raises `UserError` if it is none.
+    Without a host: all addresses of this host.  Without a port: `DEFAULT_PORT`.
+    Raises `UserError` if the text is no endpoint.
     """
     if device := _DEVICE.fullmatch(text):
         return Endpoint(device["scheme"], device["device"], 0, device["options"] or "")
@@ -137,8 +137,9 @@ def parse_remote_endpoint(text: str) -> Endpoint:
 
 
 def address_for_others() -> str | None:
-    """The address of this host on its default route, else that of any network interface but
-    loopback; None without one.  Sends nothing.
+    """The address of this host on its default route, else of any network interface but loopback.
+
+    None: this host has no network.  Sends nothing.
     """
     for family, host in ((socket.AF_INET, _FAR_HOST), (socket.AF_INET6, ("2001:db8::1", 9))):
         with socket.socket(family, socket.SOCK_DGRAM) as probe:

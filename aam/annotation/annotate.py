@@ -59,7 +59,7 @@ class AnnotationOptions:
 
 @dataclass(slots=True)
 class AnnotationReport:
-    """What came of it: names of annotations, in all and from this run; pictures without one.
+    """What came of a run: names of all annotations, how many are new, pictures that have none.
 
     exit_code: of the process: 0, or of the first picture without one: 3 no face, 2 no picture.
     """
@@ -101,7 +101,7 @@ def annotate(
 
 
 def list_images(paths: Iterable[Path]) -> list[Path]:
-    """The pictures that are named, and those in folders that are named but for contact sheets.
+    """The pictures among the paths, and all pictures in folders among them but contact sheets.
 
     Raises `UserError`.
     """
@@ -121,7 +121,7 @@ def list_images(paths: Iterable[Path]) -> list[Path]:
 
 
 def annotation_names(images: Sequence[Path]) -> list[str]:
-    """A name for each picture: that of its file, with as many folders before it as all need."""
+    """A name for each picture: its file's, after so many folders that no two names are alike."""
     for depth in range(1, 8):
         names = ["_".join(path.with_suffix("").parts[-depth:]) for path in images]
         if len(set(names)) == len(names):

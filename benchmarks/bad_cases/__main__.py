@@ -33,7 +33,7 @@ CHAIR_BGR, HAND_BGR = (40, 60, 90), (110, 140, 200)
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A case: each picture of it from one of the source and its time, 0 to 1."""
+    """A bad case.  picture: makes its picture of a source picture and the time, 0 to 1."""
 
     name: str
     picture: Callable[[Picture, float], Picture]

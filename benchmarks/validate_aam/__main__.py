@@ -79,7 +79,7 @@ def row_files(output: Path) -> list[Path]:
 
 
 def done(path: Path) -> str:
-    """The name of the table that says that a part is done, of its file of lines."""
+    """The name of the table that a finished part has.  path: of the part's file of lines."""
     return path.name.replace(ROWS, ".md")
 
 

@@ -78,7 +78,7 @@ def _added(values: Array, change: Array) -> Array:
 
 
 def bridge(before: TimedFace, after: TimedFace, index: int) -> tuple[FaceParameters, bool]:
-    """The face of source frame `index` between two coded ones, and whether it is the one before.
+    """The face of source frame `index` between two coded faces, and whether it repeats `before`.
 
     The way takes at most `MAX_RETURN_FRAMES`: in a longer gap the face waits before.
     """

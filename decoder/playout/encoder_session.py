@@ -51,7 +51,7 @@ class EncoderSession:
         return self._buffer.is_ready(now_s)
 
     def take(self, now_s: float) -> list[PlayoutFrame]:
-        """The frames of the packet whose turn it is, if it is one's.
+        """The frames of the packet whose turn it is; none where it is no packet's turn.
 
         Raises `ProtocolError` if that packet is damaged or contradicts the call.
         """

@@ -13,7 +13,7 @@ MAX_HELD = 64
 
 @dataclass(frozen=True, slots=True)
 class NumberedPacket:
-    """A frame packet and its number, or a control packet and that of the frame packet after it.
+    """A packet and its number; of a control packet: the number of the next frame packet.
 
     packet: None: a frame packet without a face.
     """
@@ -29,11 +29,11 @@ class NumberedPacket:
 
 
 class JitterBuffer:
-    """Holds packets while one before them is missing and its deadline is not past.
+    """Holds packets while an earlier one is missing whose deadline is not past.
 
     deadline_s: time until which the frame packet with a number is waited for.
     next: number of the frame packet to release next; None before the first.
-    is_idle: no frame packets are sent until a control packet says so: it is not held.
+    is_idle: no frame packets are sent until a control packet comes, which is not held then.
     """
 
     def __init__(self, deadline_s: Callable[[int], float]) -> None:

@@ -53,7 +53,7 @@ class DecodeStats:
     def note_damage(
         self, error: ProtocolError, receiver: Receiver, frame: int | None = None
     ) -> None:
-        """Add a damaged packet with the first frame that it can affect; None: the next one."""
+        """Add a damaged packet.  frame: the first that it can affect; None: the next to show."""
         self.damaged += 1
         if self.damaged > MAX_DAMAGES_TOLD:
             return

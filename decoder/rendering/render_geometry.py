@@ -46,10 +46,10 @@ def clip_from_head(camera: Camera, pose: Pose) -> Array:
 
 
 def drawing_order(head: Head) -> tuple[VertexIndices, tuple[int, int, int]]:
-    """All triangles (m, 3) in the order in which they are drawn; and where in it kinds of them end.
+    """All triangles (m, 3) in the order in which they are drawn, and where the first kinds end.
 
-    Those of skin and surround without transparency; with some; wholly transparent ones.  These hide
-    the inside of the head, which comes last, by their depth.  Ends are counted in indices.
+    Kinds: opaque skin and surround; partly transparent; wholly transparent, which hides the inside
+    of the head by its depth; the inside.  Ends of the first three are counted in indices.
     """
     is_skin = np.isin(head.parts, [PARTS.index(part) for part in ("skin", "surround")])
     outside = np.asarray(is_skin[head.triangles].all(1))

@@ -34,7 +34,7 @@ class SpeechDecoder(Protocol):
         """
 
     def conceal(self) -> Samples:
-        """What stands in for a frame that is missing, like the one before it."""
+        """Sound in place of a missing frame, like that of the frame before."""
 
     def restart(self) -> None:
         """Forget what came before: the frame that comes next follows on silence."""

@@ -1,4 +1,4 @@
-"""The speech frames of a call that have been received: of one start of the encoder, and of all."""
+"""The speech frames that have been received: of one start of the encoder, and of a whole call."""
 
 from bisect import bisect, bisect_right, insort
 

@@ -73,10 +73,10 @@ class FrameDelay:
 
 
 def may_lack_landmarks(frames_to_last: int) -> bool:
-    """Whether landmarks need not be known in a frame, so many coded ones before its packet's last.
+    """Whether a frame may be coded without landmarks, `frames_to_last` before its packet's last.
 
-    In that one they must: what is left out lies between two frames of one packet, or follows upon
-    the last of the packet before.
+    The last frame of a packet has landmarks.  A frame without lies between two of one packet, or
+    follows the last of the packet before.
     """
     return frames_to_last % 2 == 1
 
@@ -119,7 +119,7 @@ class FrameBetween:
         return Between(*waiting, share, before[1] + share * (points - before[1]))
 
     def take_last(self) -> Between | None:
-        """The frame that waits at the end of a call, where the one before it is."""
+        """The frame that waits at the end of a call, with the landmarks of the frame before it."""
         if self._waiting is None or self._before is None or self._waiting[0] < self._before[0]:
             return None
         return Between(*self._waiting, 0.0, self._before[1])

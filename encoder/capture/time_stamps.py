@@ -71,7 +71,7 @@ def _runs(stamps_s: Sequence[Fraction], period_s: Fraction) -> list[list[Fractio
 
 
 def _different(times_s: list[Fraction], period_s: Fraction) -> list[Fraction]:
-    """Ascending times with those that several frames share spread until the next one."""
+    """Ascending times, none twice: frames of one time are spread until the time that follows."""
     spread: list[Fraction] = []
     first = 0
     while first < len(times_s):

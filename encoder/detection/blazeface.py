@@ -81,7 +81,7 @@ class BlazeFaceDetector:
         return [f for f in candidates if f.score > threshold and f.size_px >= _MIN_FACE_PX]
 
     def _cut_off(self, frame: Picture) -> list[Detection]:
-        """Faces that are about as large as `frame` or larger, so that parts of them are cut off.
+        """Faces about as large as `frame` or larger, whose edges the picture cuts off.
 
         The networks know whole faces: they see the picture within a border of its mean colour.
         """

@@ -39,12 +39,10 @@ class FaceDetector(Protocol):
     def detect(self, frame: Picture) -> list[Detection]: ...
 
     def detect_large(self, frame: Picture) -> list[Detection]:
-        """Those that a quick look at the whole picture shows."""
+        """Faces that a quick look at the whole picture shows."""
 
     def detect_part(self, frame: Picture) -> list[Detection]:
-        """Those in the whole picture, or in the part of it whose turn it is in a search that goes
-        on from frame to frame.
-        """
+        """Faces in the whole picture, or in a part of it: parts take turns from frame to frame."""
 
 
 def by_size(detections: list[Detection]) -> list[Detection]:

@@ -44,7 +44,7 @@ class CodedChanges:
     luma: Single
 
     def first(self, count: int) -> "CodedChanges":
-        """So many of them; each is coded by those before it."""
+        """The first `count` changes; each is coded by those before it: only last ones can go."""
         return CodedChanges(self.data[:count], self.luma[:count])
 
 

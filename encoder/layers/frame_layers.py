@@ -40,7 +40,7 @@ class FrameLayers:
         return replace(face, layers=self.fitter.fit(picture, face, outline_px))
 
     def with_wide_limits(self) -> "FrameLayers":
-        """The same for frames that may differ far from those that the layers were learned from."""
+        """The same for frames that may be far from all that the layers were learned from."""
         low, high = self.fitter.limits.T
         reach = LIMIT_FACTOR * (high - low)
         return replace(self, fitter=replace(self.fitter, limits=np.stack([-reach, reach], 1)))
@@ -51,7 +51,7 @@ class FrameLayers:
         return [self.fitted(*frame) for frame in each]
 
     def of_person(self, frames: FittedFrames) -> "FrameLayers":
-        """The same for a new model of the person; the canonical frame is the one it was before."""
+        """The same for a new model of the person; the canonical frame stays."""
         fitter = replace(self.fitter, face=frames.person, mesh=reference_mesh(frames))
         return replace(self, fitter=fitter)
 

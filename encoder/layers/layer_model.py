@@ -247,7 +247,7 @@ def _with_changes(fitter: LayerFitter, changes: Single) -> LayerFitter:
 def _with_calm_changes(
     fitter: LayerFitter, samples: LayerSamples, frames: list[CoarseFrame], coefficients: Array
 ) -> tuple[LayerFitter, CodedChanges, Array]:
-    """A fitter with the changes that it needs, these, and the coefficients (n, l) of a sample.
+    """A fitter with changes that stay calm, those changes, and coefficients (n, l) of a sample.
 
     frames: of the sample.  coefficients: without changes.
     """

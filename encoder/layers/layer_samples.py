@@ -72,7 +72,7 @@ class CoarseFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayerSamples:
-    """n frames of one person, the canonical one among them.
+    """n frames of one person, among them the canonical frame.
 
     mesh: of the canonical face.  size: of the source, (width, height), pixels.
     pictures: (n, h, w, 3) uint8 BGR.  mattes: (n, s, s) 0..1, of the person.

@@ -226,7 +226,7 @@ def _finalise(candidate: _Candidate) -> CodedAppearance:
 
 @dataclass(frozen=True, slots=True)
 class _EncodedMode:
-    """A mode, the step that it is coded with, and the codec's state after it."""
+    """A mode, the quantiser step of its code, and the codec's state after the mode."""
 
     mode: EncodedPicture
     step: int

@@ -157,7 +157,7 @@ class SampleHands:
         self._of = dict(zip(self.numbers, self.hands, strict=True))
 
     def in_frame(self, number: int, picture: Picture, points: Array) -> Outlines:
-        """Hands in frame `number`: it is searched if one of the sample beside it shows a hand."""
+        """Hands in frame `number`, which is searched only beside a sampled frame with a hand."""
         if number in self._of:
             return self._of[number]
         after = int(np.searchsorted(self.numbers, number))

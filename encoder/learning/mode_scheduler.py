@@ -100,7 +100,7 @@ class ModeScheduler:
 
     @property
     def _expected_frames(self) -> float:
-        """Source frames that a job will hardly exceed, or those of a sample if it will."""
+        """Source frames that a job will hardly exceed, at most those from sample to sample."""
         return min((self._job_s + self._job_deviation_s) * self._fps, self._frames_per_sample)
 
     def take_modes(self, index: int, max_modes: int, may_start: bool) -> list[LearnedMode]:

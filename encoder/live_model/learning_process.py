@@ -65,7 +65,7 @@ class LearningProcess:
         return self._process.pid
 
     def warm_up(self, video: VideoFormat, gop: GopStructure) -> None:
-        """Warm up that process and this one for a source, see `warm_up`."""
+        """Warm up the learning process and its caller for a source, see `warm_up`."""
         other = self._send_awaited("warm_up", video, gop)
         warm_up(head_with_surround(), video, gop)
         wait([other])

@@ -90,7 +90,7 @@ def is_frontal(points: Array) -> bool:
 
 
 def are_others(known: Iterable[FaceSignature], seen: Iterable[FaceSignature]) -> bool:
-    """Whether the faces that are seen are of somebody else than those that are known."""
+    """Whether the faces seen are of somebody else than the known faces."""
     known, seen = list(known), list(seen)
     if not known or not seen:
         return False

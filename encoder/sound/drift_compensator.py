@@ -25,7 +25,7 @@ class DriftCompensator:
         self._late = 0.0  # samples, averaged
 
     def put(self, samples: Samples, due: float) -> Samples:
-        """Samples (n,) whose first one belongs to the sample `due`, as they follow those before."""
+        """Samples (n,), the first due at sample `due`, stretched or cut to follow those before."""
         late, limit = due - self.position, MAX_TIMING_ERROR_S * self._rate_hz
         if abs(late) > limit:
             samples, self._late = placed(samples, round(late), limit), 0.0
@@ -53,7 +53,7 @@ class DriftCompensator:
 
 
 def placed(samples: Samples, late: int, tolerance: float) -> Samples:
-    """Samples (n,) that come `late`: with silence before them, or without those that are too early.
+    """Samples (n,) in their place: after silence where they are late, cut where they are early.
 
     late, tolerance: number of samples; within the tolerance they stay as they are.
     """

@@ -131,7 +131,7 @@ class SpeechCoder:
             yield frame
 
     def _code(self, needed: int) -> Iterator[bytes | None]:
-        """Code what can be: a frame takes as many samples of those after it as its delay."""
+        """Code the frames that can be: a frame also needs the samples of the codec's delay."""
         while len(self._gated) >= needed and len(self._speech) > self._look_ahead:
             is_speech = self._speech.popleft()
             follows = self._look_ahead and self._speech[0]

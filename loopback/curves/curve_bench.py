@@ -346,8 +346,11 @@ def _duel(
 
 
 def geometric_mean_kbps(rates: Sequence[float | None], highest: Sequence[float]) -> str | None:
-    """The geometric mean of rates, kbit/s; where one is not known it is above its `highest`, which
-    then stands for it, and the mean is a lower bound: "> 50.1"."""
+    """The geometric mean of rates, kbit/s.
+
+    A rate that is not known is above its `highest`, which stands for it: then the mean is a lower
+    bound, "> 50.1".  None: nothing stands for one of the rates.
+    """
     known = [rate or bound for rate, bound in zip(rates, highest, strict=True)]
     if not all(known):
         return None

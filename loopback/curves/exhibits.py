@@ -72,7 +72,7 @@ def rival_exhibit(rival: Rival, setting: RivalSetting, title: str, clip: ClipPic
 
 
 def nearest_point(points: Sequence[Point], bps: float, duration_s: float) -> Point | None:
-    """The one of most bits that has no more than `bps`, else that of fewest."""
+    """The point of the highest rate up to `bps`; where all are above, that of the lowest rate."""
     if not points:
         return None
     rising = sorted(points, key=lambda point: point.total_bps(duration_s))

@@ -65,7 +65,7 @@ def check_limits(
 def check_baseline(
     figures: Mapping[str, Any], before: Mapping[str, Any], tolerances: Mapping[str, float]
 ) -> Iterator[Check]:
-    """Hold figures against those of before: worse by more than its tolerance is none of them.
+    """Hold figures against earlier ones: none may be worse by more than its tolerance.
 
     A figure that the baseline does not have is not held.
     """

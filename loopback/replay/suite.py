@@ -84,7 +84,7 @@ def read_suite(path: Path) -> Suite:
 
 
 def check_inputs(suite: Suite) -> None:
-    """Raise `UserError` that names each clip that cannot be read or is not the one meant."""
+    """Raise `UserError` that names each clip that cannot be read or is another file than meant."""
     if faults := _input_faults(suite.clips):
         raise UserError("; ".join(faults))
 

@@ -121,7 +121,7 @@ def parse_payload(
 def code_header(
     coder: BitCoder, header: PayloadHeader, nominal_frames: int, reserved: int
 ) -> PayloadHeader:
-    """Code a header; a decoder ignores the one that it is given.  Returns the header coded.
+    """Code a header, which it returns; a decoder ignores `header` and reads the coded one.
 
     nominal_frames: see `encode_payload`.  reserved: components that may be unused.
     Raises `ValueError` if a decoder reads more frames or unused components than there may be.

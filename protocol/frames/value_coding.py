@@ -128,7 +128,7 @@ def context_tables(
 
 
 def _weighted_sums(values: Integers) -> Integers:
-    """(frames, n) sum of the values before each one, those of its own frame with weight 3."""
+    """(frames, n) the sum of all values before each; those of the same frame count three times."""
     own = values.cumsum(1)
     whole = own[:, -1:]
     return np.asarray(3 * (own - values) + whole.cumsum(0) - whole)

@@ -31,9 +31,9 @@ class Failure(StrEnum):
 
 
 def resolve(endpoint: Endpoint, turn: int) -> Endpoint | Failure:
-    """The endpoint with one of its host's addresses, another one each turn.
+    """The endpoint with an address of its host; each turn takes the next address.
 
-    A name stays where it is checked against a certificate.  Nothing is sent but to a name server.
+    A name that is checked against a certificate stays.  Nothing is sent but to a name server.
     """
     try:
         found = socket.getaddrinfo(endpoint.host, endpoint.port, type=socket.SOCK_DGRAM)
@@ -122,11 +122,11 @@ class ListenedPlaces:
         return tuple(locator for place in places for locator in place.locators)
 
     def forget(self) -> None:
-        """It could not be listened there: it is tried again."""
+        """Forget the addresses, since listening has failed there; they are looked up again."""
         self._known = [None] * len(self._places)
 
     def _addresses(self) -> list[str | None]:
-        """Of each endpoint that has one; one that is gone for the moment is as it was."""
+        """The address of each endpoint; one that is gone for the moment is as it was."""
         now = [None if own is None else own.now for own in self._owns]
         return [new or old for new, old in zip(now, self._known, strict=True)]
 

@@ -233,7 +233,7 @@ def serialise_message(message: Message) -> bytes:
 
 
 def parse_message(data: bytes) -> Message:
-    """The message that `data` encodes.  Raises `ProtocolError` if it is not the one encoding."""
+    """The message that `data` encodes.  Raises `ProtocolError` if `data` is not its only encoding."""
     if not is_message(data):
         raise ProtocolError("not a message of the link")
     if len(data) > MAX_MESSAGE_BYTES:

@@ -33,7 +33,7 @@ class BitReader:
         return int.from_bytes(covering) >> (-end % 8) & ((1 << bits) - 1)
 
     def finish(self) -> int:
-        """The first byte after those that were begun; `ValueError` if the rest of them is not 0."""
+        """The number of bytes begun.  Raises `ValueError` if a bit left in the last is not 0."""
         if self.take(-self._bit % 8):
             raise ValueError("bits after the last one are not 0")
         return self._bit // 8

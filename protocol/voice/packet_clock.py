@@ -54,7 +54,7 @@ class PacketClock:
 
     @property
     def newest(self) -> int:
-        """Number of the newest frame packet; before any has come, that of the first less one."""
+        """Number of the newest frame packet; before the first has come, its number less one."""
         return self._newest
 
     @property
@@ -106,7 +106,7 @@ class PacketClock:
         return self.speech_frame(self._of(number).first_frame(number))
 
     def end(self, number: int) -> int:
-        """The speech frame after those of packet `number`, if it shows all its pictures."""
+        """The speech frame after those of packet `number`, where all its pictures are shown."""
         return self.speech_frame(self._of(number).last_frame(number) + 1)
 
     def speech_frame(self, frame: int | Fraction) -> int:
@@ -130,11 +130,11 @@ class PacketClock:
         return ceil(self._of(number).first_frame(number))
 
     def end_frame(self, number: int) -> int:
-        """The source frame after those of packet `number`, if it shows all its pictures."""
+        """The source frame after those of packet `number`, where all its pictures are shown."""
         return floor(self._of(number).last_frame(number)) + 1
 
     def packets_until(self, frame: int) -> range:
-        """Numbers after the newest packet's whose newest face is at or before source `frame`."""
+        """Numbers of coming packets whose last face is at or before source frame `frame`."""
         end = self._newest + 1
         while self._of(end).last_frame(end) <= frame:
             end += 1

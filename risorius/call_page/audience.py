@@ -48,7 +48,7 @@ class Watcher:
         self._put("model", message, MAX_WAITING)
 
     def put_text(self, kind: str, text: str) -> None:
-        """Add a text instead of the one of its kind that waits."""
+        """Add a text; it replaces a waiting text of the same kind."""
         self._put(kind, text, 1)
 
     def _put(self, key: Stream | str, message: Message, limit: int) -> None:

@@ -77,7 +77,7 @@ def read_place(arguments: argparse.Namespace) -> tuple[LinkOptions, str | None]:
 
 
 def own_address(listen: str) -> str:
-    """The endpoint by which this host reaches an endpoint that it listens on."""
+    """The endpoint by which this host reaches itself where it listens on `listen`."""
     endpoint = parse_endpoint(listen)
     if not endpoint.is_any:
         return listen

@@ -81,7 +81,7 @@ class CallStatus:
         return replace(sending, reach=Reachability.NO_PEER)
 
     def tell_of_strangers(self) -> None:
-        """Say once that somebody is not of this call: each direction of it notices them."""
+        """Say once that a stranger is there, though each direction of the call notices them."""
         if not self._has_told_of_strangers:
             self._has_told_of_strangers = True
             text = stranger_words(bool(self._link.listen))

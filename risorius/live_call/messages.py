@@ -116,7 +116,7 @@ class Draw:
 
 @dataclass(frozen=True, slots=True)
 class ShownModel:
-    """A model of the call, for pages that draw it; number: by which faces name it."""
+    """A model of the call, for pages that draw faces; faces name their model by `number`."""
 
     number: int
     packet: bytes

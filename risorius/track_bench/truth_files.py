@@ -20,8 +20,8 @@ def source_names(source: str) -> tuple[str, ...]:
 
 
 def matching_key(source: str, keys: Iterable[str]) -> str | None:
-    """The recording that a source is of: that of its name, else the longest that stands in its
-    name, as SN001 does in LeftVideoSN001_comp; None: none.
+    """The recording that a source shows: the one of the same name, else the longest name within
+    the source's, as SN001 is within LeftVideoSN001_comp; None: no recording.
     """
     names, known = source_names(source), sorted(keys, key=lambda key: (-len(key), key))
     for key in known:
@@ -32,8 +32,9 @@ def matching_key(source: str, keys: Iterable[str]) -> str | None:
 
 
 def files_below(place: Path, pattern: str) -> list[Path]:
-    """The files of a glob pattern in a folder and those in it, in order; `place` itself if it is
-    a file of that pattern.
+    """The files of a glob pattern in a folder and its folders, in order.
+
+    place: the folder, or one file of that pattern.
     """
     if place.is_file():
         return [place] if place.match(pattern) else []

@@ -14,8 +14,10 @@ FOUND = 0.2
 
 @dataclass(frozen=True, slots=True)
 class UnitScore:
-    """Of one unit: frames that were judged, how many show it, and by intensities from `FOUND` on
-    recall, precision and F1; auc: of the intensities, None if all frames show it or none does.
+    """How well one unit is found.
+
+    judged: frames.  shown: frames that show the unit.  recall, precision, f1: where intensities
+    from `FOUND` on count as found.  auc: of the intensities; None if all frames, or none, show it.
     """
 
     judged: int
@@ -51,8 +53,10 @@ def unit_scores(
 
 
 def area_under_curve(strengths: Array, shown: Mask) -> float:
-    """The share of pairs of a picture (n,) that shows a unit and one that does not of which the
-    first has the greater strength; equal ones count half.
+    """Area under the ROC curve.  strengths, shown: (n,), of each picture.
+
+    That is how often a picture that shows a unit has a greater strength than a picture that does
+    not, over all such pairs; equal strengths count half.
     """
     low, high = np.sort(strengths[~shown]), strengths[shown]
     below = np.searchsorted(low, high, "left") + np.searchsorted(low, high, "right")

@@ -65,7 +65,7 @@ class _Annotations:
         self._last: OpenAnnotation | None = None
 
     def pages(self) -> dict[tuple[str, str], Handler]:
-        """The page, what holds for all annotations, one of them, its picture; to fit or save."""
+        """Handlers by page: of all annotations, of one, of its picture; to fit, to save."""
 
         async def described(request: web.Request) -> web.Response:
             return _json(description(self._folder, self._residual.name))

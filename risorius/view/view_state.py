@@ -79,7 +79,7 @@ def _eau(index: int) -> dict[str, Any]:
 
 
 def _muscle(muscle: Muscle) -> dict[str, Any]:
-    """sides: names of its contractions, the left one first, or its own alone."""
+    """A muscle as the page takes it; sides: names of its contractions, left before right."""
     return {
         "name": muscle.name,
         "region": MUSCLE_REGIONS.get(muscle.name) or MUSCLE_REGIONS[muscle.name.split()[0]],

@@ -21,10 +21,11 @@ RATES = (0.1, 0.07, 0.05, 0.03, 0.02, 0.014, 0.01, 0.007, 0.005, 0.003, 0.002, 0
 
 @dataclass(frozen=True, slots=True)
 class UnitResult:
-    """Of one unit: outcomes of the pictures that show it, see above.
+    """Outcomes of the pictures that show a unit, see above.
 
-    found: pictures that show it in which it was found.  alarms: pictures in which it was found, of
-    `absent`, which do not show it.  auc: area under the curve of found over alarms.
+    found: pictures in which the unit was found, of those that show it.  absent: pictures that do
+    not show the unit.  alarms: those of `absent` in which it was found.
+    auc: area under the curve of found over alarms.
     """
 
     right: int
@@ -48,7 +49,7 @@ class UnitResult:
 
     @property
     def false_positive_rate(self) -> float:
-        """Share of the pictures that do not show it in which it was found."""
+        """Share of `absent` in which the unit was found."""
         return self.alarms / max(self.absent, 1)
 
 

@@ -20,7 +20,7 @@ class Item:
 
     @property
     def pieces(self) -> int:
-        """How many pieces it takes; one if it is not needed any more."""
+        """How many pieces the item takes; one if it is not needed any more."""
         return max(1, piece_count(len(self.packet)))
 
 

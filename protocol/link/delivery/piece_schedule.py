@@ -51,14 +51,14 @@ class Peer:
     has_reported: bool = False
 
     def lacks(self, key: PieceKey) -> bool:
-        """Whether it needs a piece."""
+        """Whether the decoder needs a piece."""
         channel, item, index = key
         if item < self.below[channel]:
             return False
         return not self.held.get((channel, item), NOTHING).pieces >> index & 1
 
     def hold(self, held: Holding, now_s: float) -> None:
-        """Take over which pieces of an item it has, from one of its reports."""
+        """Take over which pieces of an item the decoder has, as one of its reports says."""
         item = held.channel, held.item
         before = self.held.get(item, NOTHING)
         is_forgotten = before.pieces & ~held.pieces and now_s - before.grown_s > FORGOTTEN_S
@@ -66,7 +66,7 @@ class Peer:
         self.held[item] = before if pieces == before.pieces else Held(pieces, now_s)
 
     def forget_below(self) -> None:
-        """Items that it has need not be kept in mind piece by piece."""
+        """Forget the pieces of items that the decoder has whole."""
         for item in [each for each in self.held if each[1] < self.below[each[0]]]:
             del self.held[item]
 

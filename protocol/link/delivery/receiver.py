@@ -231,7 +231,7 @@ class DeliveryReceiver:
         return [arrival for data, at_s in numbered for arrival in self._on_frame(call, data, at_s)]
 
     def _is_meant(self, hello: Hello) -> bool:
-        """Whether it is for this decoder: all decoders of a call hear what is said to one."""
+        """Whether `hello` is for this decoder: all decoders of a call hear what is said to one."""
         return hello.echo in (NO_SESSION, self._session)
 
     def _on_other_session(self, hello: Hello, now_s: float) -> None:

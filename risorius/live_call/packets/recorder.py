@@ -58,7 +58,7 @@ class CallRecorder:
                 self._try(self._open)
 
     def forget(self) -> None:
-        """Another call begins, with a model of its own; it is recorded into a file of its own."""
+        """Begin another call, whose model and whose file are its own."""
         with self._lock:
             self._begin_call(0)
 
