@@ -233,7 +233,10 @@ def serialise_message(message: Message) -> bytes:
 
 
 def parse_message(data: bytes) -> Message:
-    """The message that `data` encodes.  Raises `ProtocolError` if `data` is not its only encoding."""
+    """The message that `data` encodes.
+
+    Raises `ProtocolError` if it is none, or not encoded as `serialise_message` does.
+    """
     if not is_message(data):
         raise ProtocolError("not a message of the link")
     if len(data) > MAX_MESSAGE_BYTES:
