@@ -82,7 +82,7 @@ class Endpoint:
 
     @property
     def is_quic(self) -> bool:
-        """Whether the endpoint is QUIC's, which does not tell at once that the other end is gone."""
+        """Whether the endpoint is QUIC's, which does not tell at once that an end has gone."""
         return self.scheme == "quic" or (self.scheme == "udp" and self.is_reliable)
 
     @property
