@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from aam.weak_pose import project
 from shared_model.arrays import Array, Picture
 
 # Side of the window, mm; the window's middle relative to the head's origin, mm, head frame: the
@@ -75,3 +76,13 @@ def shrunk(window: FaceWindow, size: int) -> FaceWindow:
         return window
     picture = cv2.resize(window.picture, (size, size), interpolation=cv2.INTER_AREA)
     return FaceWindow(np.asarray(picture, np.uint8), window.corner, window.ratio * size / own)
+
+
+def face_window(picture: Picture, pose: Array, largest_px: int) -> FaceWindow:
+    """The window about a face of this weak-perspective pose (6,), at most `largest_px` a side.
+
+    Faces that are smaller in the picture are not enlarged.
+    """
+    side = float(np.exp(pose[5]) * WINDOW_MM)
+    centre = project(pose, FACE_CENTRE_MM[None])[0]
+    return window_around(picture, centre, side, min(largest_px, max(round(side), 16)))

@@ -1,8 +1,7 @@
 """What an annotation keeps of its picture: the shape-free texture and the window of the face."""
 
 from aam.annotation.still_fit import StillFit
-from aam.face_window import face_window
-from aam.window import FaceWindow
+from aam.window import FaceWindow, face_window
 from encoder.appearance.texture import extract_texture
 from shared_model.animate import Face, identity_from_controls
 from shared_model.appearance import atlas_of

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aam.face_window import face_window
 from aam.model import AppearanceModel, MultiResolutionModel, texture_at
 from aam.sampling import normalised_luma, window_px
 from aam.search.search import SearchOptions, SearchResult, search
 from aam.warps import Warp, pose_from_eyes
-from aam.window import FaceWindow, shrunk
+from aam.window import FaceWindow, face_window, shrunk
 from shared_model.arrays import Array, Picture
 
 # Bound of the parameters that a level takes over from the one before it, standard deviations.

@@ -6,10 +6,10 @@ where a search goes from there, by the inverse of their error variances.
 
 import numpy as np
 
-from aam.face_window import face_window
 from aam.model import MultiResolutionModel, texture_at
 from aam.sampling import normalised_luma, window_px
 from aam.search.search import SearchOptions, search
+from aam.window import face_window
 from shared_model.arrays import Array, Picture
 
 # Weight of the search: of people left out of the model, .2 to .3 leaves the least mean distance

@@ -5,8 +5,7 @@ from typing import Any
 
 from protocol.endpoint import Endpoint
 from protocol.link.interface import LinkOptions
-from protocol.security.link_security import LinkSecurity
-from protocol.security.tls_settings import tls_settings
+from protocol.security.link_security import LinkSecurity, tls_settings
 
 Settings = dict[str, Any]
 

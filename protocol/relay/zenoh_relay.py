@@ -19,8 +19,7 @@ from protocol.link.zenoh_session import answer_who_is_there, reason, zenoh_confi
 from protocol.link.zenoh_settings import MAX_MESSAGE_BYTES
 from protocol.relay.access import access_control
 from protocol.security.authority import InvitedPeer
-from protocol.security.link_security import KeyFile
-from protocol.security.tls_settings import tls_settings
+from protocol.security.link_security import KeyFile, tls_settings
 from shared_model.errors import LINK_FAILED, UserError
 
 # Connections that are being opened at a time, and for how long each may take to.

@@ -29,8 +29,7 @@ from protocol.security.authority import (
     revoke_peer,
 )
 from protocol.security.key_file import read_key_file
-from protocol.security.link_security import KeyFile, LinkSecurity
-from protocol.security.tls_settings import tls_settings
+from protocol.security.link_security import KeyFile, LinkSecurity, tls_settings
 from shared_model.errors import UserError
 
 PEERS = {
