@@ -1,4 +1,4 @@
-"""What protects a link: the key of an invitation, certificates of mutual TLS as Zenoh takes them."""
+"""What protects a link: an invitation's key, and certificates of mutual TLS as Zenoh takes them."""
 
 import base64
 from dataclasses import dataclass, field
