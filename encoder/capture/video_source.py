@@ -70,7 +70,7 @@ class Capture:
     times: the frame rate, and when each frame is shown if the rate varies.
     frame_count: number of frames according to the container; None if it is not known.
     is_live: whether frames arrive in real time and without a known end.
-    colour_matrix: of a file's Y'CbCr, see `protocol.packets.CallParameters`.
+    colour_matrix: of a file's Y'CbCr, see `protocol.call_parameters.CallParameters`.
     is_fps_assumed: whether the source states no usable frame rate, so that it is a default.
     sample_aspect: width of a pixel of the source over its height.
     """

@@ -40,7 +40,7 @@ MAX_MOTION = (180.0, 180.0, 180.0, 1e4, 1e4, 3.0)
 class FrameTransform:
     """The transform from n coefficients to d = 6 + EAUs + layers + modes parameters.
 
-    modes: encoded appearance modes, see `picture_codec.ModeDecoder`; the texture of a frame is the
+    modes: encoded appearance modes, see `picture_codec.ModeCodec`; the texture of a frame is the
         mean texture plus each mode times its coefficient (eq. 2.17).  An empty mode, which has not
         been received yet, adds nothing.
     unit_codes: (d,) uint8, the unit of each parameter, eighths of an octave above 2 ** -16.

@@ -12,7 +12,7 @@ from encoder.appearance.photometric import NORMALISATIONS
 from encoder.option_rules import as_typed, checked_options
 from encoder.thesis.klt import KLT_POINTS
 from encoder.thesis.measurement_model import PROJECTIONS
-from encoder.thesis.trackers import DETECTORS, FITTERS, TRACKERS
+from encoder.thesis.tracking_options import DETECTORS, FITTERS, TRACKERS
 from protocol.summary import summarise
 from risorius.cli import build_parser, main
 
