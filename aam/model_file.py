@@ -7,6 +7,7 @@ See docs/aam.md.
 import json
 import os
 import zipfile
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,9 @@ _PARTS = ("shape", "texture", "combined")
 _MATRICES = ("cascade", "additive", "project_out", "regressed")
 # What is stored in half precision in a compact file: nearly all of it.
 _HALVED = ("texture_mean", "texture_modes", *_MATRICES)
+# Trained on drawn faces, see data/README.md.
+BUILTIN = "builtin"
+BUILTIN_FILE = "drawn_faces.npz"
 
 
 def write_model(path: Path, model: MultiResolutionModel, compact: bool = False) -> None:
@@ -145,3 +149,11 @@ def _check(level: AppearanceModel, pose_names: tuple[str, ...], texels: int) -> 
     for name, (array, shape) in expected.items():
         if array.shape != shape:
             raise ValueError(f"{name} {array.shape}, expected {shape}")
+
+
+def named_model(name: str | Path) -> MultiResolutionModel:
+    """The model `BUILTIN`, or that of a file.  Raises `UserError` if it cannot be read."""
+    if str(name) != BUILTIN:
+        return read_model(Path(name))
+    with as_file(files("aam") / "data" / BUILTIN_FILE) as path:
+        return read_model(path)

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from aam.annotation.annotation_file import Annotation, read_annotations
-from aam.annotation.model_landmarks import ModelLandmarks
-from aam.named_model import BUILTIN, named_model
+from aam.annotation.landmark_search import ModelLandmarks
+from aam.model_file import BUILTIN, named_model
 from benchmarks.command import run
 from encoder.detection.landmark_indices import FACE_OVAL, OUTER_EYE_CORNERS
 from loopback.report import table

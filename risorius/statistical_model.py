@@ -18,7 +18,7 @@ def landmark_source(
     """
     if model is None:
         return None
-    from aam.named_model import named_model
+    from aam.model_file import named_model
     from aam.search.landmark_tracker import ModelLandmarkTracker
 
     return ModelLandmarkTracker(named_model(model), nose, every_frame)
@@ -31,7 +31,7 @@ def expression_search(model: str | Path | None) -> "ExpressionSearch | None":
     """
     if model is None:
         return None
-    from aam.named_model import named_model
-    from aam.search.expression_search import ModelExpressionSearch
+    from aam.model_file import named_model
+    from aam.search.landmark_tracker import ModelExpressionSearch
 
     return ModelExpressionSearch(named_model(model))

@@ -13,12 +13,11 @@ from aam.annotation.annotation_file import Annotation, read_header
 from aam.annotation.held_values import HeldValues, eaus_option
 from aam.annotation.landmark_files import read_landmark_csv, read_landmark_file
 from aam.annotation.landmark_schemes import FaceLandmarks, from_given, from_search
-from aam.annotation.landmark_search import StillLandmarks
-from aam.annotation.model_landmarks import ModelLandmarks
+from aam.annotation.landmark_search import ModelLandmarks, StillLandmarks
 from aam.annotation.originals import save_fit
 from aam.annotation.still_fit import StillFit, fit_still
 from aam.annotation.still_texture import kept_texture, kept_window
-from aam.named_model import BUILTIN, named_model
+from aam.model_file import BUILTIN, named_model
 from shared_model.arrays import Array, Picture
 from shared_model.errors import NO_FACE, UserError, cannot_read
 from shared_model.mesh import generic_head

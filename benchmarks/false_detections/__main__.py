@@ -16,8 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.annotation.landmark_search import StillLandmarks
-from aam.annotation.model_landmarks import ModelLandmarks
+from aam.annotation.landmark_search import ModelLandmarks, StillLandmarks
 from aam.model_file import read_model
 from benchmarks.command import run
 from encoder.capture.video_source import open_source

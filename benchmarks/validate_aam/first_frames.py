@@ -13,8 +13,7 @@ import numpy as np
 
 from aam.annotation.annotation_file import read_annotations
 from aam.annotation.landmark_schemes import IBUG_68, from_search
-from aam.annotation.landmark_search import StillLandmarks
-from aam.annotation.model_landmarks import ModelLandmarks
+from aam.annotation.landmark_search import ModelLandmarks, StillLandmarks
 from aam.annotation.still_fit import fit_still
 from aam.model import MultiResolutionModel
 from benchmarks.validate_aam.weighted_search import weighted_landmarks

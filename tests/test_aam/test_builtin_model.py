@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aam.named_model import BUILTIN, BUILTIN_FILE, named_model
+from aam.model_file import BUILTIN, BUILTIN_FILE, named_model
 from aam.search import face_finder
 from aam.search.find_face import FaceFit, find_from_eyes
 from aam.search.landmark_tracker import ModelLandmarkTracker

@@ -8,7 +8,7 @@ import pytest
 from aam_faces import synthetic_faces
 
 from aam.model import MultiResolutionModel
-from aam.search.expression_search import C_ERROR, ModelExpressionSearch, actuator_sigma
+from aam.search.landmark_tracker import C_ERROR, ModelExpressionSearch, actuator_sigma
 from aam.shape_space import SHAPE_RANGE, actuators
 from aam.training.train import TrainingOptions, train
 from aam.weak_pose import perspective_pose

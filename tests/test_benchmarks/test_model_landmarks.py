@@ -8,8 +8,8 @@ import pytest
 
 from aam.annotation.annotate import AnnotationOptions, annotate
 from aam.annotation.annotation_file import read_annotations
-from aam.annotation.model_landmarks import ModelLandmarks
-from aam.named_model import BUILTIN, named_model
+from aam.annotation.landmark_search import ModelLandmarks
+from aam.model_file import BUILTIN, named_model
 from benchmarks.model_landmarks import distance_percent, main
 from encoder.capture.video_source import open_source
 from shared_model.errors import UserError
