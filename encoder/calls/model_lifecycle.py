@@ -286,8 +286,9 @@ class ModelLifecycle:
         is_of_update = self._updates.progressive and self._next_version is not None
         if self._updates.busy or is_of_update:
             return False
-        wait_s = self._updates.transmission_time_s(self._trainers.budget)
-        return not self._is_update_waiting or wait_s >= UPDATE_WAIT_LIMIT_S
+        if not self._is_update_waiting:
+            return True
+        return self._updates.transmission_time_s(self._trainers.budget) >= UPDATE_WAIT_LIMIT_S
 
     @property
     def _is_update_waiting(self) -> bool:
