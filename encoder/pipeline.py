@@ -11,7 +11,7 @@ those of two a `RecordedPass`.
 
 import logging
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -19,6 +19,7 @@ from encoder.calls.call_session import CallSession, FramePass, RecordedPass, run
 from encoder.calls.early_model import EarlyModelMaker
 from encoder.calls.face_search import open_landmark_search
 from encoder.calls.frame_source import FrameSource, dropping_frames
+from encoder.calls.live_residual import LiveResidual
 from encoder.calls.live_session import LiveEncoder, LiveSettings
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.recorded_residual import with_residual
@@ -42,7 +43,8 @@ from encoder.option_rules import check_delay
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.report import EncodeReport, report_of
-from encoder.residual.residual_encoder import faces_bitrate
+from encoder.residual.residual_encoder import faces_bitrate, has_residual
+from encoder.residual.residual_worker import LocalResidual, ResidualProcess
 from encoder.sound.recorded_speech import chosen_voice, open_voice
 from encoder.sound.voice_packer import VoicePacker
 from encoder.thesis.texture_mode_session import TextureModeEncoder
@@ -82,10 +84,14 @@ class EncodeRun:
         return open_tracker(tracking, generic_head(), size, TRACKED_EAUS, frame_s, warn)
 
     def packets(
-        self, sink: PacketSink, pacer: LayerPacer | None, voice: VoicePacker | None
+        self,
+        sink: PacketSink,
+        pacer: LayerPacer | None,
+        voice: VoicePacker | None,
+        residual: LiveResidual | None = None,
     ) -> PacketSender:
         """What sends its packets."""
-        return PacketSender(sink, self.stats, pacer, self.capture.times, voice)
+        return PacketSender(sink, self.stats, pacer, self.capture.times, voice, residual)
 
 
 def encode(
@@ -161,24 +167,55 @@ def encode_live(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = No
     waits_for_modes = not (options.two_way or options.low_delay)
     pacing = pacing_of(capture.is_live, options.pace, options.delay_s, waits_for_modes)
     budget = budget_for("live", options.model_bytes)
-    settings = LiveSettings(options.bitrate, gop, options.look_for_face_s)
     own_process = pacing.in_real_time
-    with closing(LearningProcess(run.stats.warn) if own_process else LocalLearner()) as learner:
+    with (
+        closing(LearningProcess(run.stats.warn) if own_process else LocalLearner()) as learner,
+        _live_residual(run, own_process) as residual,
+    ):
         if isinstance(learner, LearningProcess):
             callbacks.on_preparing("warming up")
             with dropping_frames(capture):
-                learner.warm_up(capture.format, gop)
+                drawn = learner.warm_up(capture.format, gop)
+            if residual is not None:
+                residual.warm_up(*drawn)
             callbacks.on_preparing("")
             _log.info("warmed up")
         # Whoever comes finds an encoder that is ready.
         trainers = CallTrainers(capture.format, gop, budget, pacing, learner.encode_background)
         early = _wait_for_peer_with_model(run, sink, trainers)
-        packets = run.packets(sink, _pacer(run, sink), voice)
+        pacer = _pacer(run, sink)
+        # What goes in layers has no residual.
+        added = residual if pacer is None else None
+        packets = run.packets(sink, pacer, voice, added)
+        bitrate = options.bitrate if added is None else faces_bitrate(options.bitrate)
+        settings = LiveSettings(bitrate, gop, options.look_for_face_s)
         shown = _shown_face(callbacks.other_face, capture, gop, budget)
         session = LiveEncoder(
             capture, packets, run.stats, settings, trainers, learner, shown, callbacks.events, early
         )
         run_session(session, packets, run)
+
+
+@contextmanager
+def _live_residual(run: EncodeRun, in_real_time: bool) -> Iterator[LiveResidual | None]:
+    """What adds the picture residual to a call that has bits for it.
+
+    None: it has not, or it shows another face, or it is one end of a conversation, whose people
+    would wait longer for an answer.
+    """
+    options, gop, warn = run.options, run.gop, run.stats.warn
+    size, frames = (run.capture.width, run.capture.height), gop.frames_per_packet * gop.frame_step
+    is_quick = options.two_way or options.low_delay
+    shows_caller = run.callbacks.other_face is None
+    may_have = has_residual(options.bitrate, size, frames) and shows_caller and not is_quick
+    if options.draw is None or not may_have:
+        yield None
+        return
+    asked = options.draw, size, options.bitrate
+    with closing(
+        ResidualProcess(*asked, warn) if in_real_time else LocalResidual(*asked)
+    ) as worker:
+        yield LiveResidual(worker, warn)
 
 
 def _wait_for_peer_with_model(

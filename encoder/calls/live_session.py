@@ -34,6 +34,7 @@ from encoder.live_model.call_trainer import CallTrainers, FirstModel
 from encoder.live_model.learner import Learner
 from encoder.live_model.other_face import FaceChoice
 from encoder.live_model.work_level import WorkLevel
+from protocol.picture_residual.framing import covered_frames
 from shared_model.arrays import Array, Picture
 from shared_model.geometry import interpolate
 from shared_model.parameters import FaceParameters
@@ -109,6 +110,7 @@ class LiveEncoder:
 
     def frame(self, index: int, picture: Picture, next_frame: Picture | None = None) -> None:
         """See `CallSession`."""
+        self._packets.send_waiting()
         had_model, level = self._has_model, self._overload.level
         self._frame_begin_s = self._clock()
         is_between = bool(picture.size) and self._is_between(index, level)
@@ -185,6 +187,8 @@ class LiveEncoder:
         if frame.is_between:
             if self._is_coded(index):
                 self._between.wait(index, picture)
+            if self._has_model:
+                self._packets.add_source(index, picture)
             if self._has_model and not self._pacing.learns_ahead:
                 self._learn(index)
             self._refit_waiting()
@@ -203,8 +207,10 @@ class LiveEncoder:
         if self._model.is_changing_person:
             # The version in use would put on the face of the one before.
             self._skip(index)
-        elif self._is_coded(index):
-            self._add(index, picture, frame.points)
+        else:
+            self._packets.add_source(index, picture)
+            if self._is_coded(index):
+                self._add(index, picture, frame.points)
         self._model.train_if_due(self._position)
 
     def _begin(self, index: int) -> None:
@@ -311,7 +317,11 @@ class LiveEncoder:
             faces = self._model.coded_faces(filled.faces)
             payload = self._coder.code(self._model.coding_version, faces)
         duration_s = len(filled.faces) * self._gop.frame_step / self._fps
-        self._packets.send_frames(number, payload, duration_s)
+        version = self._model.coding_version
+        own_number = number - version.first_packet
+        covered = covered_frames(version.packet.call, own_number, len(filled.faces))
+        has_time = not self._overload.level
+        self._packets.send_frames(number, payload, duration_s, covered, has_time)
         if self._model.on_packet_sent(self._position):
             self._filler.reset_coefficients(self._model.version.rest())
 

@@ -1,13 +1,22 @@
 """Sends the packets of one call and counts them; all three sessions send through it."""
 
 import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent import futures
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
 
+from encoder.calls.live_residual import LiveResidual
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.frame_times import FrameTimes
 from encoder.coding.pacer import LayerPacer
 from encoder.coding.progressive_model import LayeredModel
 from encoder.live_model.pacing import REAL_TIME
 from encoder.sound.voice_packer import VoicePacker
+from protocol.frames.frame_times import TimesPacket
 from protocol.limits import MAX_TIMED_FRAMES, SEQUENCE_MODULUS
 from protocol.link.interface import PacketSink
 from protocol.model_packet import ModelPacket
@@ -19,6 +28,7 @@ from protocol.packets import (
     Packet,
     serialise,
 )
+from shared_model.arrays import Picture
 
 _log = logging.getLogger(__name__)
 
@@ -27,12 +37,30 @@ _log = logging.getLogger(__name__)
 LEAD_PACKETS, MAX_LEAD_PACKETS = REAL_TIME.lead_packets, SEQUENCE_MODULUS // 2 - 1
 
 
+# A packet waits so long for its residual, seconds.
+MAX_RESIDUAL_WAIT_S = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """What is sent once a residual is coded, or at a time of the clock.
+
+    coded: the residual; None: it need not wait.
+    """
+
+    send: Callable[[], object]
+    coded: "Future[bytes] | None" = None
+    until_s: float = 0.0
+
+
 class PacketSender:
     """Serialises, sends and counts packets.
 
     pacer: holds all packets together to the start-up bitrate; None: each goes at once.
     times: of the source's frames; None: their rate is constant.
     voice: adds the voice to frame packets; None: the call has none.
+    residual: adds the picture residual to those of a live call; None: it has none.
+    clock: seconds from any origin.
     """
 
     def __init__(
@@ -42,8 +70,11 @@ class PacketSender:
         pacer: LayerPacer | None = None,
         times: FrameTimes | None = None,
         voice: VoicePacker | None = None,
+        residual: LiveResidual | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._sink, self._stats, self._pacer, self._voice = sink, stats, pacer, voice
+        self._residual, self._waiting, self._clock = residual, deque[_Waiting](), clock
         self._times, self._timed_frames = times, 0
         self._face_visible = self._camera_on = True
         self._person_gone = False
@@ -55,6 +86,11 @@ class PacketSender:
 
     def send_model(self, packet: ModelPacket) -> None:
         """Send a model packet, whole or the base layer of one."""
+        if self._residual is not None:
+            packet = self._residual.model(packet)
+        self._in_turn(partial(self._send_model, packet))
+
+    def _send_model(self, packet: ModelPacket) -> None:
         size = self._send_model_part(packet)
         _log.info("model %d is sent, %d bytes", packet.version, size)
         if self._pacer is not None:
@@ -67,13 +103,71 @@ class PacketSender:
 
     def send_layer(self, packet: LayerPacket) -> None:
         """Send a layer packet at once."""
-        self._send_model_part(packet)
+        if self._residual is not None:
+            self._residual.see(packet)
+        self._in_turn(partial(self._send_model_part, packet))
 
-    def send_frames(self, number: int, payload: bytes, duration_s: float) -> None:
+    def add_source(self, index: int, picture: Picture) -> None:
+        """See `LiveResidual`; of no effect where the call has no residual."""
+        if self._residual is not None:
+            self._residual.add_source(index, picture)
+
+    def send_frames(
+        self,
+        number: int,
+        payload: bytes,
+        duration_s: float,
+        covered: range = range(0),
+        has_time: bool = True,
+    ) -> None:
         """Send frame packet `number` of the call, then the layers that are due.
 
         duration_s: from the packet's first frame to that of the next.
+        covered: the source frames of which it has the residual, if the call has one.
+        has_time: whether there is time for a residual.
         """
+        if self._residual is None:
+            self._send_frames(number, payload, duration_s)
+            return
+        with self._stats.stage("residual"):
+            coded = self._residual.begin_packet(number, payload, covered, duration_s, has_time)
+        until_s = self._clock() + MAX_RESIDUAL_WAIT_S
+        send = partial(self._send_with_residual, self._residual, number, payload, duration_s, coded)
+        self._waiting.append(_Waiting(send, coded, until_s))
+        self.send_waiting()
+
+    def send_waiting(self, wait: bool = False) -> None:
+        """Send the packets whose residual is coded, or that have waited for long enough.
+
+        wait: until none is left.
+        """
+        while self._waiting:
+            first = self._waiting[0]
+            left_s = first.until_s - self._clock()
+            if first.coded is not None and not first.coded.done() and left_s > 0:
+                if not wait:
+                    break
+                futures.wait([first.coded], left_s)
+            self._waiting.popleft().send()
+
+    def _in_turn(self, send: Callable[[], object]) -> None:
+        """Send after the packets that wait."""
+        if self._waiting:
+            self._waiting.append(_Waiting(send))
+        else:
+            send()
+
+    def _send_with_residual(
+        self,
+        residual: LiveResidual,
+        number: int,
+        face: bytes,
+        duration_s: float,
+        coded: "Future[bytes] | None",
+    ) -> None:
+        self._send_frames(number, residual.payload(coded, face), duration_s)
+
+    def _send_frames(self, number: int, payload: bytes, duration_s: float) -> None:
         self._stats.sent.frame_bytes += len(payload)
         _log.debug("frame packet %d is sent, %d bytes", number, len(payload))
         packet = FramePacket(number % SEQUENCE_MODULUS, payload)
@@ -94,7 +188,7 @@ class PacketSender:
             packet = self._times.packet(self._timed_frames)
             self._timed_frames += MAX_TIMED_FRAMES
             if packet is not None:
-                self._send(packet)
+                self._send_told(packet)
 
     def report_face(self, visible: bool, frame: int) -> bool:
         """Send FACE_LOST or FACE_FOUND for source frame `frame`, if that is news; whether it is."""
@@ -102,7 +196,7 @@ class PacketSender:
             return False
         self._face_visible, self._person_gone = visible, False
         if visible and self._voice is not None:
-            self._voice.resume(frame)
+            self._in_turn(partial(self._voice.resume, frame))
         self._say(ControlKind.FACE_FOUND if visible else ControlKind.FACE_LOST, frame)
         return True
 
@@ -120,23 +214,29 @@ class PacketSender:
     def _say(self, kind: ControlKind, frame: int) -> None:
         _log.info("%s from source frame %d on", kind.name, frame)
         self._stats.events.append((kind, frame))
-        self._send(ControlPacket(0, kind, frame))
+        self._send_told(ControlPacket(0, kind, frame))
 
     def report_camera(self, on: bool, frame: int) -> None:
         """Send CAMERA_OFF or CAMERA_ON for source frame `frame`, if that is news."""
         if on != self._camera_on:
             self._camera_on = on
             kind = ControlKind.CAMERA_ON if on else ControlKind.CAMERA_OFF
-            self._send(ControlPacket(0, kind, frame))
+            self._send_told(ControlPacket(0, kind, frame))
 
     def send_voice_alone(self, frame: int) -> None:
         """Send the voice that is due up to source frame `frame`, which shows no face."""
+        self._in_turn(partial(self._send_voice_alone, frame))
+
+    def _send_voice_alone(self, frame: int) -> None:
         if self._voice is not None:
             for packet in self._voice.packets_without_face(frame):
                 self._send_frame(packet)
 
     def end(self, frames: int) -> None:
         """Close a call of `frames` source frames."""
+        self.send_waiting(wait=True)
+        if self._residual is not None and (missed := self._residual.missed_message):
+            self._stats.warn(missed)
         self._stats.frames = frames
         if self._voice is not None:
             for packet in self._voice.last_packets(frames):
@@ -164,6 +264,12 @@ class PacketSender:
         self._send(packet)
         if self._voice is not None:
             self._stats.speech.voice_bytes = self._voice.voice_bytes
+
+    def _send_told(self, packet: ControlPacket | TimesPacket) -> None:
+        """Send a packet that says something of the frames."""
+        if self._residual is not None:
+            self._residual.see(packet)
+        self._in_turn(partial(self._send, packet))
 
     def _send(self, packet: Packet) -> None:
         with self._stats.stage("send"):

@@ -35,7 +35,7 @@ def with_residual(
     Raises `UserError` if the call cannot be drawn.
     """
     prepared = [_with_blocks(part, [b""] * len(part.payloads)) for part in parts]
-    with closing(draw(_written(prepared))) as drawn:
+    with closing(draw(_written(prepared), lambda index: True)) as drawn:
         differences = _Differences(drawn, frames, stop)
         return [_with_blocks(part, _blocks(part, differences, bitrate)) for part in parts]
 

@@ -274,7 +274,9 @@ class TwoPassEncoder:
     def may_have_residual(self, bitrate: float) -> bool:
         """See `RecordedEncoder`."""
         assert self._model is not None
-        return has_residual(bitrate, self._model.call)
+        call = self._model.call
+        frames = call.frames_per_packet * call.frame_step
+        return has_residual(bitrate, (call.width, call.height), frames)
 
 
 def code_payloads(

@@ -25,6 +25,7 @@ from encoder.layers.scene_motion import scene_basis, scene_origins
 from encoder.learning.incremental_modes import ModeLearner
 from encoder.live_model.model_trainer import ModelTrainer
 from protocol.frames.temporal_prediction import FramePredictor
+from protocol.model_packet import ModelPacket
 from runtime.robust_mean import robust_mean
 from shared_model.arrays import Array
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera, pose_from_euler
@@ -43,9 +44,11 @@ QUALITY = 10
 GREY = (120, 137)
 
 
-def warm_up(head: Head, video: VideoFormat, gop: GopStructure) -> None:
+def warm_up(head: Head, video: VideoFormat, gop: GopStructure) -> tuple[ModelPacket, bytes]:
     """Train a model, fit and code a frame, learn a mode: on noise of the source's size, so that all
     tables that depend on the size of the face are there as well.
+
+    Returns the model, and the payload of its first frame packet: who draws can be warmed up by it.
     """
     width, height, rng = video.width, video.height, np.random.default_rng(0)
     points = frontal_landmarks(
@@ -62,9 +65,10 @@ def warm_up(head: Head, video: VideoFormat, gop: GopStructure) -> None:
     transform = version.padded_transform
     predictor = FramePredictor(transform.scale_codes, transform.reserved_modes)
     values = version.transform_faces([version.fit(samples[0])])
-    code_packet(predictor, 0, gop.frames_per_packet, values, QUALITY, intra=True)
+    packet = code_packet(predictor, 0, gop.frames_per_packet, values, QUALITY, intra=True)
     load_layer_loops()
     ModeLearner(version.person, SAMPLES_PER_S).update(samples, version.fit_texels, BYTES, 1)
+    return version.placed_at(0, 0).packet, packet.payload
 
 
 def load_layer_loops() -> None:

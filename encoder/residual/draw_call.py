@@ -5,5 +5,5 @@ from typing import BinaryIO
 
 from protocol.picture_residual.drawn_picture import DrawnPicture
 
-# A call in a stream -> the picture of each frame, in order.
-DrawCall = Callable[[BinaryIO], Generator[DrawnPicture, None, None]]
+# A call in a stream, and which source frames are wanted -> the picture of each of these, in order.
+DrawCall = Callable[[BinaryIO, Callable[[int], bool]], Generator[DrawnPicture, None, None]]

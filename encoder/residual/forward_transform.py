@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from protocol.picture_residual.block_transform import dct_matrix, lapping_matrix
-from protocol.picture_residual.residual_block import CHROMA_WEIGHT, tile_grid, tile_side
+from protocol.picture_residual.residual_block import CHROMA_WEIGHT
 from protocol.picture_residual.tile_coding import plane_start, values_of_tile
 from protocol.pictures.picture_codec import LUMA_BGR
 from shared_model.arrays import Single
@@ -18,13 +18,13 @@ _PLANES = np.stack(
 ).astype(np.float32)
 
 
-def forward_transform(differences: Sequence[Single]) -> Single:
+def forward_transform(differences: Sequence[Single], tile: int) -> Single:
     """(rows, columns, frames, values) of the tiles of differences, (h, w, 3) each.
 
-    differences: BGR, source less drawn picture.
+    differences: BGR, source less drawn picture.  tile: their side, pixels.
     """
     (height, width), frames = differences[0].shape[:2], len(differences)
-    (rows, columns), tile = tile_grid(width, height), tile_side(width, height)
+    rows, columns = -(-height // tile), -(-width // tile)
     below, right = rows * tile - height, columns * tile - width
     planes = [np.empty((frames, rows * tile, columns * tile), np.float32)]
     planes += [np.empty((frames, rows * tile // 2, columns * tile // 2), np.float32) for _ in "br"]

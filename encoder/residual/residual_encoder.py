@@ -10,7 +10,6 @@ from encoder.picture_coding.quantiser_search import finest_quantiser_within
 from encoder.picture_coding.symbol_writing import DecisionRecorder, Decisions, range_coded
 from encoder.residual.forward_transform import forward_transform
 from encoder.residual.quantiser import quantise_tiles
-from protocol.call_parameters import CallParameters
 from protocol.entropy.integer_codes import code_bits
 from protocol.entropy.varint import encode_varint
 from protocol.limits import MAX_FRAME_PAYLOAD_BYTES
@@ -47,10 +46,12 @@ def faces_bitrate(bitrate: float) -> float:
     return min(bitrate, FACES_ALONE_BPS + FACES_SHARE * (bitrate - FACES_ALONE_BPS))
 
 
-def has_residual(bitrate: float, call: CallParameters) -> bool:
-    """Whether a call has bits for a residual, and pictures that may have one."""
-    frames = call.frames_per_packet * call.frame_step
-    return bitrate > FACES_ALONE_BPS and fits_limits(call.width, call.height, frames)
+def has_residual(bitrate: float, size: tuple[int, int], packet_frames: int) -> bool:
+    """Whether a call has bits for a residual, and pictures of (width, height) that may have one.
+
+    packet_frames: source frames of a packet.
+    """
+    return bitrate > FACES_ALONE_BPS and fits_limits(*size, packet_frames)
 
 
 class ResidualEncoder:
@@ -85,9 +86,9 @@ class ResidualEncoder:
             return b""
         is_fine = _tiles_within(np.mean(face_areas, axis=0), *self._size)
         around = list(map(_extended, differences, face_areas))
-        values = forward_transform(around)
+        values = forward_transform(around, tile_side(*self._size))
         if is_fine.any():
-            values[is_fine] = forward_transform(differences)[is_fine]
+            self._put_face(values, differences, is_fine)
 
         def code(step_code: int) -> bytes:
             quantised = quantise_tiles(values, step_size(step_code), is_fine)
@@ -101,6 +102,17 @@ class ResidualEncoder:
             data = b""
         self._saved -= _bits_of(data)
         return data
+
+    def _put_face(self, values: Single, differences: Sequence[Single], is_fine: Mask) -> None:
+        """Write the values of the tiles `is_fine`, of what is not continued into the face."""
+        side = tile_side(*self._size)
+        rows, columns = (np.flatnonzero(is_fine.any(axis)) for axis in (1, 0))
+        # A block reaches half a block into its neighbours.
+        top, left = max(rows[0] - 1, 0), max(columns[0] - 1, 0)
+        window = slice(top, rows[-1] + 2), slice(left, columns[-1] + 2)
+        pixels = tuple(slice(side * each.start, side * each.stop) for each in window)
+        of_face = forward_transform([each[pixels] for each in differences], side)
+        values[window][is_fine[window]] = of_face[is_fine[window]]
 
 
 def _bits_of(data: bytes) -> int:

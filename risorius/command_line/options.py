@@ -293,7 +293,7 @@ def _add_rates(parser: argparse.ArgumentParser) -> None:
         type=bitrate,
         metavar="BPS",
         help="default profile: bits a second of frame packets with their heads and their lengths in"
-        " a call file, more than 0; recorded, from 1200 on a part is for what the model does not"
+        " a call file, more than 0; from 1200 on a part is for what the model does not"
         " show, with --model-bytes 30000 and more (default: %(default)g)",
     )
     add(

@@ -5,14 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
-import cv2
 import numpy as np
 import pytest
 from call_contents import packets_of, raw_packets
 from conftest import without_layers
+from disc_film import BITRATE, FRAMES, around_disc, decoded, disc_film, pictures, psnr
 
 from decoder.drawn_call import draw_call
-from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from decoder.sinks.frame_sink import open_sink
 from encoder.calls.call_session import RecordedPass
 from encoder.calls.packet_sender import PacketSender
@@ -28,12 +27,7 @@ from protocol.call_file import CallWriter
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, parse_packet
 from protocol.summary import summarise
-from shared_model.arrays import Picture
 from shared_model.errors import UserError
-
-FRAMES, BITRATE = 41, 12_000
-# A disc that is held before the collar: frames in which it is there, place, and radius.
-SEEN, X, Y, RADIUS = range(16, 32), 70, 118, 14
 
 UNTOLD = SessionCallbacks(lambda *_: None, lambda: False)
 
@@ -42,16 +36,7 @@ Passed = tuple[EncodeRun, RecordedPass]
 
 @pytest.fixture(scope="module")
 def film(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("disc") / "disc.mkv"
-    with open_source(str(carphone)) as capture, open_sink(path, 176, 144, exact_fps(25)) as sink:
-        for index, picture in capture:
-            if index == FRAMES:
-                break
-            shown = picture.copy()
-            if index in SEEN:
-                cv2.circle(shown, (X, Y), RADIUS, (40, 200, 240), -1)
-            sink.write(shown)
-    return path
+    return disc_film(carphone, tmp_path_factory.mktemp("disc") / "disc.mkv")
 
 
 @pytest.fixture(scope="module")
@@ -82,27 +67,6 @@ def call(passed: Passed, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("residual") / "call.rzo"
     send(passed, path, draw_call)
     return path
-
-
-def pictures(path: Path) -> list[Picture]:
-    with open_source(str(path)) as capture:
-        return [picture for _, picture in capture]
-
-
-def decoded(call: Path, folder: Path) -> tuple[list[Picture], DecodeReport]:
-    output = folder / f"{call.stem}.mkv"
-    report = decode(DecodeOptions(call, output=output), lambda *_: None, lambda: False)
-    return pictures(output), report
-
-
-def psnr(one: list[Picture], other: list[Picture]) -> float:
-    difference = np.array(one, np.float64) - np.array(other)
-    return float(10 * np.log10(255**2 / np.mean(difference**2)))
-
-
-def around_disc(shown: list[Picture]) -> list[Picture]:
-    area = slice(Y - RADIUS, Y + RADIUS), slice(X - RADIUS, X + RADIUS)
-    return [shown[frame][area] for frame in SEEN]
 
 
 def test_what_the_model_does_not_know_is_seen(
@@ -194,7 +158,7 @@ def test_a_call_that_is_stopped_is_whole_with_less_residual(passed: Passed, tmp_
 
 
 def test_where_nothing_can_be_drawn_the_call_is_one_without(passed: Passed, tmp_path: Path) -> None:
-    def cannot(stream: object) -> NoReturn:
+    def cannot(stream: object, wants: object) -> NoReturn:
         raise UserError("no EGL here")
 
     path = tmp_path / "plain.rzo"

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from encoder.residual.residual_encoder import ResidualEncoder, faces_bitrate, has_residual
-from protocol.call_parameters import CallParameters
 from protocol.picture_residual.inverse_transform import ResidualPictures
 from protocol.picture_residual.residual_block import parse_tiles
 from protocol.pictures.picture_codec import to_luma
@@ -69,8 +68,6 @@ def test_without_bits_there_is_none() -> None:
 
 
 def test_which_calls_have_one() -> None:
-    call = CallParameters("default", 640, 480, 25, 1, 600.0, frames_per_packet=8)
-    assert not has_residual(800, call) and has_residual(2000, call)
-    huge = CallParameters("default", 8192, 8192, 25, 1, 600.0, frames_per_packet=8)
-    assert not has_residual(30000, huge)
+    assert not has_residual(800, (640, 480), 8) and has_residual(2000, (640, 480), 8)
+    assert not has_residual(30000, (8192, 8192), 8)
     assert faces_bitrate(800) == 800 and 1200 < faces_bitrate(5000) < 5000

@@ -11,6 +11,7 @@ from protocol.picture_residual.residual_block import (
     ResidualTiles,
     step_size,
     tile_grid,
+    tile_side,
 )
 from protocol.pictures.picture_codec import to_luma
 
@@ -36,7 +37,7 @@ def differences(frames: int, height: int, width: int) -> np.ndarray:
 @pytest.mark.parametrize(("height", "width"), [(48, 64), (41, 70), (16, 16)])
 def test_a_fine_residual_restores_the_source(frames: int, height: int, width: int) -> None:
     wanted = differences(frames, height, width)
-    values = forward_transform(list(wanted))
+    values = forward_transform(list(wanted), tile_side(width, height))
     none_fine = np.zeros(tile_grid(width, height), np.bool_)
     tiles = ResidualTiles(2, *quantise_tiles(values, step_size(2), none_fine))
     drawn, nowhere = (
@@ -52,7 +53,7 @@ def test_a_fine_residual_restores_the_source(frames: int, height: int, width: in
 
 def test_squared_errors_of_values_are_those_of_pixels() -> None:
     wanted = differences(8, 48, 64)
-    values = forward_transform(list(wanted))[..., :64]
+    values = forward_transform(list(wanted), tile_side(64, 48))[..., :64]
     np.testing.assert_allclose((values**2).sum(), (to_luma(wanted) ** 2).sum(), rtol=1e-4)
 
 

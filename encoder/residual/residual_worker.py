@@ -1,0 +1,135 @@
+"""Who codes the residual of a live call: this process, or one of its own."""
+
+import os
+import signal
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from contextlib import closing, suppress
+from typing import Protocol
+
+import numpy as np
+
+from encoder.residual.call_drawing import CallDrawing, ResidualTask
+from encoder.residual.draw_call import DrawCall
+from runtime.parallel import lower_priority_of_process
+from runtime.remote_calls import RemoteCalls, answer_calls
+from shared_model.errors import UserError
+
+
+class ResidualWorker(Protocol):
+    """Does what it is asked in this order; what it returns may be done later."""
+
+    def warm_up(self, packets: Sequence[bytes]) -> None:
+        """Draw a call of one frame, so that what is loaded when it is used first is there."""
+
+    def see(self, packet: bytes) -> None:
+        """See `CallDrawing`."""
+
+    def block(self, task: ResidualTask) -> "Future[bytes]":
+        """See `CallDrawing`."""
+
+    def close(self) -> None:
+        """End it."""
+
+
+class LocalResidual:
+    """A `ResidualWorker` in this process, see `CallDrawing`: what it returns is done."""
+
+    def __init__(self, draw: DrawCall, size: tuple[int, int], bitrate: float) -> None:
+        self._asked = draw, size, bitrate
+        self._drawing = CallDrawing(*self._asked)
+
+    def warm_up(self, packets: Sequence[bytes]) -> None:
+        """See `ResidualWorker`."""
+        width, height = self._asked[1]
+        grey = np.full((height, width, 3), 128, np.uint8)
+        with closing(CallDrawing(*self._asked)) as drawing, suppress(UserError):
+            for packet in packets:
+                drawing.see(packet)
+            drawing.block(ResidualTask(range(1), {0: grey}, 1.0, 0.0))
+
+    def see(self, packet: bytes) -> None:
+        """See `CallDrawing`."""
+        self._drawing.see(packet)
+
+    def block(self, task: ResidualTask) -> "Future[bytes]":
+        """See `CallDrawing`."""
+        result = Future[bytes]()
+        try:
+            result.set_result(self._drawing.block(task))
+        except UserError as error:
+            result.set_exception(error)
+        return result
+
+    def close(self) -> None:
+        """See `CallDrawing`."""
+        self._drawing.close()
+
+
+class ResidualProcess:
+    """A `ResidualWorker` in a process of its own, at a lower priority.
+
+    draw: as `pickle` finds it.  on_failure: called once with a line if the process ends by itself.
+    """
+
+    def __init__(
+        self,
+        draw: DrawCall,
+        size: tuple[int, int],
+        bitrate: float,
+        on_failure: Callable[[str], None],
+    ) -> None:
+        def fail(reason: str) -> None:
+            on_failure(f"{reason}: from here on without a picture residual")
+
+        self._calls = RemoteCalls(__name__, fail)
+        self._calls.call("begin", draw, size, bitrate)
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._calls.pid
+
+    def warm_up(self, packets: Sequence[bytes]) -> None:
+        """See `ResidualWorker`."""
+        self._calls.call("warm_up", packets)
+
+    def see(self, packet: bytes) -> None:
+        """See `CallDrawing`."""
+        self._calls.call("see", packet)
+
+    def block(self, task: ResidualTask) -> "Future[bytes]":
+        """See `CallDrawing`; a `ChildProcessError` if the process is gone."""
+        return self._calls.call_awaited("block", task)
+
+    def close(self) -> None:
+        """End the process."""
+        self._calls.close()
+
+
+class _Server:
+    def __init__(self) -> None:
+        self._worker: LocalResidual | None = None
+
+    def begin(self, draw: DrawCall, size: tuple[int, int], bitrate: float) -> None:
+        self._worker = LocalResidual(draw, size, bitrate)
+
+    def warm_up(self, packets: Sequence[bytes]) -> None:
+        assert self._worker is not None
+        self._worker.warm_up(packets)
+
+    def see(self, packet: bytes) -> None:
+        assert self._worker is not None
+        self._worker.see(packet)
+
+    def block(self, task: ResidualTask) -> "Future[bytes]":
+        assert self._worker is not None
+        return self._worker.block(task)
+
+
+def serve(descriptor: int) -> None:
+    """Code the residual for the process at the other end of a socket until it is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    lower_priority_of_process()
+    answer_calls(descriptor, _Server())
+    os._exit(0)

@@ -1,0 +1,130 @@
+"""Calls to an object in a process of its own, whose results come later."""
+
+import socket
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from itertools import count
+from typing import Any
+
+from runtime.child_process import start_child
+from runtime.object_stream import ObjectStream
+
+Shared = Mapping[str, Callable[[], object]]
+
+
+class RemoteCalls:
+    """Calls the methods of an object in a child process, in order; it ends with this process.
+
+    module: its `serve` answers them, see `answer_calls`.
+    shared: see `ObjectStream`.
+    on_failure: called once with the reason if the process ends by itself or cannot be understood.
+    """
+
+    def __init__(
+        self, module: str, on_failure: Callable[[str], None], shared: Shared | None = None
+    ) -> None:
+        self._process, ours = start_child(module)
+        self._name = module.rpartition(".")[2].replace("_", " ")
+        self._stream, self._on_failure = ObjectStream(ours, shared), on_failure
+        self._numbers, self._waiting = count(), dict[int, Future[Any]]()
+        self._is_closing = self._has_ended = False
+        # Results that somebody waits for: they fail when the process ends.
+        self._ending, self._awaited = threading.Lock(), list[Future[Any]]()
+        # Objects are put together and sent in a thread of their own.
+        self._sender = ThreadPoolExecutor(1)
+        threading.Thread(target=self._receive, daemon=True).start()
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    def call(self, method: str, *arguments: object) -> "Future[Any]":
+        """Call a method; if the process ends first, the result is never done."""
+        future = Future[Any]()
+        number = next(self._numbers)
+        self._waiting[number] = future
+        self._sender.submit(self._send, number, method, arguments)
+        return future
+
+    def call_awaited(self, method: str, *arguments: object) -> "Future[Any]":
+        """Call a method; if the process ends first, the result is a `ChildProcessError`."""
+        with self._ending:
+            future = self.call(method, *arguments)
+            if self._has_ended:
+                future.set_exception(ChildProcessError())
+            else:
+                self._awaited = [each for each in self._awaited if not each.done()] + [future]
+        return future
+
+    def close(self) -> None:
+        """End the process; closing twice has no further effect."""
+        self._is_closing = True
+        self._process.kill()
+        self._process.wait()
+        self._sender.shutdown(cancel_futures=True)
+        self._stream.close()
+
+    def _send(self, number: int, method: str, arguments: tuple[object, ...]) -> None:
+        try:
+            self._stream.send((number, method, arguments))
+        except OSError:
+            # A process that is gone is noticed where its results are received.
+            return
+        except Exception as error:
+            # An argument that cannot be pickled: for whoever asks for the result.
+            self._waiting.pop(number).set_exception(error)
+
+    def _receive(self) -> None:
+        try:
+            while True:
+                number, result, error = self._stream.receive()
+                future = self._waiting.pop(number)
+                if error is None:
+                    future.set_result(result)
+                else:
+                    future.set_exception(error)
+        except EOFError:
+            if not self._is_closing:
+                self._fail(f"the {self._name} has ended ({self._process.wait()})")
+        except Exception as error:
+            # Whatever unpickling raises.
+            self._process.kill()
+            self._fail(f"what the {self._name} has sent cannot be read ({error!r})")
+
+    def _fail(self, reason: str) -> None:
+        with self._ending:
+            self._has_ended = True
+            for future in self._awaited:
+                if not future.done():
+                    future.set_exception(ChildProcessError())
+        self._on_failure(reason)
+
+
+def answer_calls(descriptor: int, target: object, shared: Shared | None = None) -> None:
+    """Call the methods of an object as another process asks at the other end of a socket.
+
+    descriptor: of the socket.  Methods that return a `Future` are answered when it is done; the
+    next one is called at once.  Returns when the other process is gone.
+    """
+    stream, lock = ObjectStream(socket.socket(fileno=descriptor), shared), threading.Lock()
+
+    def reply(number: int, result: object, error: BaseException | None) -> None:
+        with lock, suppress(OSError):
+            stream.send((number, result, error))
+
+    def answer(number: int, done: "Future[Any]") -> None:
+        error = done.exception()
+        reply(number, None if error else done.result(), error)
+
+    with suppress(EOFError):
+        while True:
+            number, method, arguments = stream.receive()
+            result = getattr(target, method)(*arguments)
+            if isinstance(result, Future):
+                result.add_done_callback(partial(answer, number))
+            else:
+                reply(number, None, None)

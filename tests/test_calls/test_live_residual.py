@@ -1,0 +1,180 @@
+"""Live calls with bits to spare: what the model does not show is seen as soon as it comes."""
+
+import os
+import signal
+from collections.abc import Generator, Sequence
+from concurrent.futures import Future
+from pathlib import Path
+
+import numpy as np
+import pytest
+from call_contents import packets_of, raw_packets
+from disc_film import BITRATE, FRAMES, around_disc, decoded, disc_film, pictures, psnr
+
+from decoder.drawn_call import draw_call
+from encoder.calls.live_residual import LiveResidual
+from encoder.calls.packet_sender import MAX_RESIDUAL_WAIT_S, PacketSender
+from encoder.calls.session_stats import SessionStats
+from encoder.options import EncodeOptions
+from encoder.pipeline import encode
+from encoder.residual.call_drawing import ResidualTask
+from encoder.residual.draw_call import DrawCall
+from encoder.residual.residual_worker import LocalResidual, ResidualProcess
+from protocol.call_file import CallWriter
+from protocol.model_packet import ModelPacket
+from protocol.packets import ControlKind, ControlPacket, FramePacket, parse_packet, serialise
+from protocol.picture_residual.drawn_picture import DrawnPicture
+from protocol.picture_residual.framing import covered_frames, join_payload, split_payload
+from protocol.summary import summarise
+from shared_model.errors import UserError
+
+
+@pytest.fixture(scope="module")
+def film(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return disc_film(carphone, tmp_path_factory.mktemp("disc") / "disc.mkv")
+
+
+def send(film: Path, call: Path, draw: DrawCall | None) -> list[str]:
+    """Send the film live, as fast as it can be read; returns the warnings."""
+    options = EncodeOptions(
+        str(film), call, bitrate=BITRATE, model_bytes=9000, live=True, draw=draw
+    )
+    return list(encode(options, lambda *_: None, lambda: False).warnings)
+
+
+@pytest.fixture(scope="module")
+def call(film: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("live") / "call.rzo"
+    assert not any("residual" in warning for warning in send(film, path, draw_call))
+    return path
+
+
+def test_what_the_model_does_not_know_is_seen(film: Path, call: Path, tmp_path: Path) -> None:
+    plain = tmp_path / "plain.rzo"
+    send(film, plain, None)
+    source = pictures(film)
+    (shown, report), (without, _) = decoded(call, tmp_path), decoded(plain, tmp_path)
+    assert len(shown) == len(source) == FRAMES and not report.warnings
+    assert psnr(shown, source) > psnr(without, source) + 2
+    seen, unseen = (psnr(around_disc(each), around_disc(source)) for each in (shown, without))
+    assert seen > unseen + 5
+
+
+def test_all_versions_of_the_model_have_it_and_the_rate_holds(call: Path) -> None:
+    summary, packets = summarise(call), packets_of(call)
+    assert 0.5 * BITRATE < summary.frame_bps <= BITRATE
+    models = [packet for packet in packets if isinstance(packet, ModelPacket)]
+    assert len(models) > 1 and all(model.call.has_residual for model in models)
+
+
+def test_where_nothing_can_be_drawn_the_call_goes_on_without(film: Path, tmp_path: Path) -> None:
+    def cannot(stream: object, wants: object) -> Generator[DrawnPicture, None, None]:
+        yield from ()
+        raise UserError("no EGL here")
+
+    path = tmp_path / "plain.rzo"
+    warnings = send(film, path, cannot)
+    assert sum("no EGL here" in warning for warning in warnings) == 1
+    assert summarise(path).complete and len(decoded(path, tmp_path)[0]) == FRAMES
+
+
+def faces_of(call: Path) -> tuple[ModelPacket, list[bytes]]:
+    """The first version of a call's model, and the faces of its packets."""
+    packets = packets_of(call)
+    models = [i for i, packet in enumerate(packets) if isinstance(packet, ModelPacket)]
+    model = packets[models[0]]
+    assert isinstance(model, ModelPacket)
+    own = packets[: models[1]]
+    return model, [split_payload(each.payload)[1] for each in own if isinstance(each, FramePacket)]
+
+
+def test_a_process_of_its_own_codes_the_same(film: Path, call: Path) -> None:
+    model, faces = faces_of(call)
+    source, size = pictures(film), (model.call.width, model.call.height)
+    told = list[str]()
+    workers = (
+        LocalResidual(draw_call, size, 12_000),
+        ResidualProcess(draw_call, size, 12_000, told.append),
+    )
+    blocks = []
+    for worker in workers:
+        worker.warm_up([serialise(model)])
+        worker.see(serialise(model))
+        coded = list[Future[bytes]]()
+        for number, face in enumerate(faces[:2]):
+            worker.see(serialise(FramePacket(number, join_payload(b"", face))))
+            covered = covered_frames(model.call, number, 1 if not number else 8)
+            sources = {index: source[index] for index in covered}
+            coded.append(worker.block(ResidualTask(covered, sources, 0.3, 800)))
+        blocks.append([each.result(120) for each in coded])
+        worker.close()
+    assert blocks[0] == blocks[1] and blocks[0][1] and not told
+
+
+def test_a_process_that_dies_is_told_and_waited_for_by_nobody() -> None:
+    told = list[str]()
+    worker = ResidualProcess(draw_call, (64, 48), 12_000, told.append)
+    os.kill(worker.pid, signal.SIGKILL)
+    task = ResidualTask(range(1), {0: np.zeros((48, 64, 3), np.uint8)}, 0.3, 800)
+    for _ in range(2):
+        with pytest.raises(ChildProcessError):
+            worker.block(task).result(60)
+    worker.close()
+    assert len(told) == 1 and "residual" in told[0]
+
+
+class SlowWorker:
+    """Codes a packet when it is told to."""
+
+    def __init__(self) -> None:
+        self.coded = list[Future[bytes]]()
+
+    def warm_up(self, packets: Sequence[bytes]) -> None:
+        pass
+
+    def see(self, packet: bytes) -> None:
+        pass
+
+    def block(self, task: ResidualTask) -> "Future[bytes]":
+        self.coded.append(Future())
+        return self.coded[-1]
+
+    def close(self) -> None:
+        pass
+
+
+def test_packets_wait_in_order_and_not_for_long(tmp_path: Path) -> None:
+    worker, now_s, path = SlowWorker(), [0.0], tmp_path / "call.rzo"
+    residual, stats = LiveResidual(worker, lambda _: None), SessionStats()
+    picture = np.zeros((48, 64, 3), np.uint8)
+    with CallWriter(path) as sink:
+        sender = PacketSender(sink, stats, residual=residual, clock=lambda: now_s[0])
+
+        def send(number: int, has_time: bool = True) -> None:
+            residual.add_source(number, picture)
+            sender.send_frames(number, b"face", 0.3, range(number, number + 1), has_time)
+
+        send(0)
+        sender.report_face(False, 1)
+        send(1)  # the worker is busy: this one gets none, but its turn is not yet
+        assert stats.sent.packets == 0
+        worker.coded[0].set_result(b"block")
+        sender.send_waiting()
+        assert stats.sent.packets == 3
+        send(2)
+        send(3, has_time=False)
+        now_s[0] += 0.9 * MAX_RESIDUAL_WAIT_S
+        sender.send_waiting()
+        assert stats.sent.packets == 3
+        now_s[0] += 0.2 * MAX_RESIDUAL_WAIT_S
+        sender.send_waiting()
+        assert stats.sent.packets == 5
+        sender.end(4)
+    assert len(worker.coded) == 2
+    sent = list(map(parse_packet, raw_packets(path)))
+    blocks = [split_payload(each.payload)[0] for each in sent if isinstance(each, FramePacket)]
+    assert blocks == [b"block", b"", b"", b""]
+    kinds = [each.kind for each in sent if isinstance(each, ControlPacket)]
+    assert kinds == [ControlKind.FACE_LOST, ControlKind.END]
+    assert isinstance(sent[1], ControlPacket)
+    assert any("3 of 4 packets have no picture residual" in warning for warning in stats.warnings)
