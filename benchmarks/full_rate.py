@@ -16,8 +16,8 @@ import numpy as np
 
 from benchmarks.command import run, warn
 from benchmarks.track_synthetic import track_frame
+from decoder.scene.decoded_model import decoded_model
 from decoder.scene.scene import Scene
-from decoder.scene.scene_parts import scene_parts
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import Capture, open_source
 from encoder.coding.model_packet import budget_for, build_thesis_model_packet, call_parameters
@@ -74,7 +74,7 @@ def tracked_renderings(
             model = build_thesis_model_packet(
                 head, fitted, face, frame, call, budget_for("thesis", None)
             )
-            scene = Scene(scene_parts(model))
+            scene = Scene(decoded_model(model))
             stack.callback(scene.close)
         last = face or last
         assert last is not None

@@ -20,8 +20,8 @@ from benchmarks.command import run
 from benchmarks.simulated_link import SentPacket, SimulatedLink, arrivals, sent_packets
 from decoder.playout.playout import PlayoutFrame
 from decoder.playout.receiver import Receiver
+from decoder.scene.decoded_model import decoded_model
 from decoder.scene.scene import Scene
-from decoder.scene.scene_parts import scene_parts
 from encoder.capture.video_source import open_source
 from loopback.quality.psnr import psnr_db, squared_error
 from loopback.quality.video_quality import TrackedFaceMask
@@ -84,7 +84,7 @@ class FacePsnr:
     def _drawn_db(self, frame: PlayoutFrame, original: Picture, mask: Mask) -> float:
         if self._scene is None or self._scene.model is not frame.model:
             self.close()
-            self._scene = Scene(scene_parts(frame.model))
+            self._scene = Scene(decoded_model(frame.model))
         picture = self._scene.draw(frame.face, StageTimer())
         return psnr_db(squared_error(original, picture)[mask])
 

@@ -15,10 +15,10 @@ from decoder.playout.call_source import CallSource, call_name, open_packet_sourc
 from decoder.playout.playout import PlayoutFrame
 from decoder.playout.received_frames import DecodeStats, Waiting, received_frames
 from decoder.playout.receiver import Receiver
+from decoder.scene.decoded_model import ModelLoader
 from decoder.scene.reenactment import read_model, reenact
 from decoder.scene.residual_picture import ResidualPicture
 from decoder.scene.scene import Scene
-from decoder.scene.scene_parts import PartsLoader
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
@@ -129,7 +129,7 @@ class CallPictures:
         self._received = deque[_ReceivedFrame]()
         self.arrival_s: float | None = None
         self._sender: ModelPacket | None = None  # of the newest frame that was drawn
-        self._loader = PartsLoader()
+        self._loader = ModelLoader()
         self._stack.callback(self._loader.close)
         if self._is_live:
             # Meanwhile the encoder is looked for.
@@ -296,20 +296,20 @@ class CallPictures:
     def _change_scene(self, received: _ReceivedFrame) -> Scene:
         before, model = self._scene, received.drawn
         try:
-            parts = self._loader.get(model)
+            decoded = self._loader.get(model)
         except ProtocolError as error:
             drawn = self._options.face or call_name(self._options)
             raise UserError(f"cannot draw {drawn}: {error}") from error
         is_more = before is not None and is_same_model(before.model, model)
         noted = before.damages if before is not None and is_more else 0
-        for damage in parts.damages[noted:]:
+        for damage in decoded.damages[noted:]:
             self.stats.note_damage(damage, self.receiver, received.frame.index)
-        if before is not None and before.fits(parts):
-            before.change(parts)
+        if before is not None and before.fits(decoded):
+            before.change(decoded)
             return before
         if before is not None:
             before.close()
-        return Scene(parts)
+        return Scene(decoded)
 
     def _close_scene(self) -> None:
         if self._scene is not None:

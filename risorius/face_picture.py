@@ -6,9 +6,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from decoder.scene.decoded_model import decoded_model
 from decoder.scene.reenactment import read_model
 from decoder.scene.scene import Scene
-from decoder.scene.scene_parts import scene_parts
 from protocol.errors import ProtocolError
 from risorius.animation.animate import open_actor
 from risorius.animation.animation_script import parse_script
@@ -43,10 +43,10 @@ def face_picture(name: str) -> Picture:
 def _person_of(path: Path) -> Picture:
     model = read_model(path)
     try:
-        parts = scene_parts(model)
+        decoded = decoded_model(model)
     except ProtocolError as error:
         raise UserError(f"cannot draw {path}: {error}") from error
-    with closing(Scene(parts)) as scene:
+    with closing(Scene(decoded)) as scene:
         return scene.draw(model.reference_face, StageTimer())
 
 

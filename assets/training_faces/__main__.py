@@ -26,9 +26,9 @@ from assets.training_faces.skin import SWINGS, make_skin
 from assets.training_faces.stills import painted, portrait
 from benchmarks.command import run, warn
 from decoder.scene.appearance import FrameTextures
+from decoder.scene.decoded_model import decoded_model
 from decoder.scene.reenactment import read_model
 from decoder.scene.scene import Scene
-from decoder.scene.scene_parts import scene_parts
 from decoder.sinks.frame_sink import open_sink
 from protocol.model_packet import ModelPacket
 from shared_model.arrays import Array, Picture
@@ -62,7 +62,7 @@ def draw(random: np.random.Generator, model: ModelPacket, output: Path) -> None:
     swing[:, :3] += 0.012 * turn[:, [1, 0, 1]] * random.uniform(0.2, 1, 3)
     noise, blur = random.uniform(0, 4), random.uniform(0, 1.2)
     call, timer = model.call, StageTimer()
-    scene = Scene(scene_parts(model))
+    scene = Scene(decoded_model(model))
     try:
         scene.set_aau_offset(random.uniform(-0.5, 0.5, len(AAUS)))
         with open_sink(output, call.width, call.height, FPS) as sink:

@@ -68,7 +68,7 @@ MIN_MATCH = 0.5
 SAME_MS = 5.0
 MINUTE_S = 60.0
 # Names the processes that receive.
-RECEIVING_PART = "risorius.live_call.drawing_part"
+RECEIVING_WORKER = "risorius.live_call.drawing_worker"
 # Notes what the page shows and plays when: [ms since 1970, brightness of the mouth, frame, when it
 # was drawn, how long its packet was there then, when it came] and [ms since 1970, loudness].
 NOTES = """
@@ -217,7 +217,7 @@ def receiving_cpu_s() -> float:
     total_s = 0.0
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
-            if RECEIVING_PART.encode() in (process / "cmdline").read_bytes():
+            if RECEIVING_WORKER.encode() in (process / "cmdline").read_bytes():
                 total_s += cpu_s(int(process.name))
     return total_s
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from benchmarks.command import run
 from benchmarks.fuzz.mutation import mutated
 from decoder.playout.receiver import Receiver
-from decoder.scene.scene_parts import scene_parts
+from decoder.scene.decoded_model import decoded_model
 from loopback.report import Cell, table
 from protocol.call_file import CallReader
 from protocol.errors import ProtocolError
@@ -221,7 +221,7 @@ def _draw(model: ModelPacket, **pictures: bytes) -> None:
         changed = replace(model, **pictures)  # type: ignore[arg-type]
     except ValueError as error:
         raise ProtocolError(str(error)) from error
-    scene_parts(changed)
+    decoded_model(changed)
 
 
 if __name__ == "__main__":

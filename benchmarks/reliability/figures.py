@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.simulated_link import SentPacket
 from decoder.playout.playout import PlayoutFrame
 from decoder.playout.receiver import Receiver
-from decoder.scene.scene_parts import face_from_model, head_of
+from decoder.scene.decoded_model import face_from_model, head_of
 from protocol.link.interface import Arrival
 from protocol.packets import PacketKind, packet_kind
 from shared_model.geometry import pixel_from_head

@@ -1,6 +1,6 @@
 """One caller, ready to be drawn: synthesise texture -> animate -> warp background -> render.
 
-`scene_parts` decodes what is drawn here.
+`decoded_model` decodes what is drawn here.
 """
 
 import cv2
@@ -8,7 +8,7 @@ import numpy as np
 
 from decoder.rendering.render_geometry import NEAR_MM
 from decoder.rendering.renderer import FrameState, Renderer
-from decoder.scene.scene_parts import SceneParts
+from decoder.scene.decoded_model import DecodedModel
 from protocol.model_packet import ModelPacket
 from shared_model.arrays import Array, Picture, Single
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head
@@ -33,48 +33,48 @@ OPEN_MOUTH_MM = 12.0
 class Scene:
     """The face, texture and background of a model, on a renderer."""
 
-    def __init__(self, parts: SceneParts) -> None:
-        size = parts.model.call.width, parts.model.call.height
+    def __init__(self, decoded: DecodedModel) -> None:
+        size = decoded.model.call.width, decoded.model.call.height
         self._submitted: FrameState | None = None
         self._empty: Picture | None = None  # the frame submitted last without the person
-        self._renderer = Renderer(*size, parts.head)
-        self._own_face = self._face = parts.face
-        self._show(parts)
+        self._renderer = Renderer(*size, decoded.head)
+        self._own_face = self._face = decoded.face
+        self._show(decoded)
         self._show_background()
 
     @property
     def model(self) -> ModelPacket:
         """The model that is drawn."""
-        return self._parts.model
+        return self._decoded.model
 
     @property
     def damages(self) -> int:
         """Number of further layers of the model that were damaged."""
-        return len(self._parts.damages)
+        return len(self._decoded.damages)
 
-    def fits(self, parts: SceneParts) -> bool:
+    def fits(self, decoded: DecodedModel) -> bool:
         """Whether the renderer can draw a model: it has the size and the topology of this one."""
-        before = self._parts.model.call
-        size = parts.model.call.width, parts.model.call.height
-        return parts.head is self._parts.head and size == (before.width, before.height)
+        before = self._decoded.model.call
+        size = decoded.model.call.width, decoded.model.call.height
+        return decoded.head is self._decoded.head and size == (before.width, before.height)
 
-    def change(self, parts: SceneParts) -> None:
+    def change(self, decoded: DecodedModel) -> None:
         """Draw another model that `fits`, or further layers of the same."""
-        before = self._parts
-        self._show(parts)
-        if parts.face is not before.face:
-            self._own_face = self._face = parts.face
-        if parts.layers is not before.layers or parts.mesh is not before.mesh:
+        before = self._decoded
+        self._show(decoded)
+        if decoded.face is not before.face:
+            self._own_face = self._face = decoded.face
+        if decoded.layers is not before.layers or decoded.mesh is not before.mesh:
             self._show_background()
 
-    def _show(self, parts: SceneParts) -> None:
-        self._parts, self._camera = parts, parts.model.call.camera
+    def _show(self, decoded: DecodedModel) -> None:
+        self._decoded, self._camera = decoded, decoded.model.call.camera
         # The modes of the default profile include the light inside the mouth.
-        self._shade_mouth = parts.model.call.profile == "thesis"
-        self._renderer.set_texture(parts.appearance.synthesise(np.zeros(0)))
+        self._shade_mouth = decoded.model.call.profile == "thesis"
+        self._renderer.set_texture(decoded.appearance.synthesise(np.zeros(0)))
 
     def _show_background(self) -> None:
-        layers, grid_px = self._parts.layers, self._parts.mesh.grid_px
+        layers, grid_px = self._decoded.layers, self._decoded.mesh.grid_px
         self._renderer.set_background(layers.moving, grid_px, layers.static)
 
     def set_aau_offset(self, aau: Array, displacement_mm: Array | None = None) -> None:
@@ -94,20 +94,20 @@ class Scene:
     def prepare(self, face: FaceParameters, timer: StageTimer) -> FrameState:
         """Compute the state of a frame; the renderer may draw another one at the same time."""
         texture = None
-        if self._parts.appearance.changes:
+        if self._decoded.appearance.changes:
             with timer.stage("texture"):
                 lids = face.eau[LIDS]
-                texture = self._parts.appearance.synthesise(face.modes, lids)
+                texture = self._decoded.appearance.synthesise(face.modes, lids)
         with timer.stage("animate"):
             vertices = self._face.animate(face.eau)
         with timer.stage("warp"):
             pose = pushed_before_camera(face.pose, vertices)
-            own_motion = self._parts.motion.own_motion(face.layers)
-            grid_px = warp(self._parts.mesh, pose, vertices, own_motion)
-            shading = mouth_shading(self._parts.head, vertices) if self._shade_mouth else None
-            change = self._parts.motion.change(face.layers)
-            corners = self._parts.motion.scene_corners(face.layers)
-            light = self._parts.motion.light(face.layers)
+            own_motion = self._decoded.motion.own_motion(face.layers)
+            grid_px = warp(self._decoded.mesh, pose, vertices, own_motion)
+            shading = mouth_shading(self._decoded.head, vertices) if self._shade_mouth else None
+            change = self._decoded.motion.change(face.layers)
+            corners = self._decoded.motion.scene_corners(face.layers)
+            light = self._decoded.motion.light(face.layers)
         return FrameState(pose, vertices, grid_px, shading, change, corners, light, texture)
 
     def submit(self, state: FrameState, timer: StageTimer) -> None:
@@ -125,14 +125,14 @@ class Scene:
         """Where the face is in the picture submitted last, see `face_area`."""
         assert self._submitted is not None
         state = self._submitted
-        return face_area(self._parts.head, self._camera, state.pose, state.vertices)
+        return face_area(self._decoded.head, self._camera, state.pose, state.vertices)
 
     def without_person(self, picture: Picture, presence: float) -> Picture:
         """A picture, read back last, of which the person fades: of 0 the scene alone is left.
 
         Where person and scene are one picture, it stays.
         """
-        if self._parts.layers.static is None:
+        if self._decoded.layers.static is None:
             return picture
         if self._empty is None:
             self._empty = self._renderer.draw_scene()

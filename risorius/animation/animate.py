@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 
 from decoder.rendering.renderer import Renderer
+from decoder.scene.decoded_model import decoded_model, face_from_model, head_of
 from decoder.scene.reenactment import read_model
 from decoder.scene.scene import Scene
-from decoder.scene.scene_parts import face_from_model, head_of, scene_parts
 from decoder.sinks.frame_sink import open_sink
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket
@@ -202,7 +202,7 @@ class CallerActor:
         jaw = EAU_INDEX["jaw_drop"]
         self.rest_eau[jaw] = min(self.rest_eau[jaw], REST_JAW)
         self._face = face_from_model(model, self.head)
-        self._scene = Scene(scene_parts(model))
+        self._scene = Scene(decoded_model(model))
         self._timer = StageTimer()
 
     def geometry(self, state: AnimationState) -> FrameGeometry:

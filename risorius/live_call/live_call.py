@@ -1,4 +1,4 @@
-"""A call both ways, as its page shows it: parts are started, spoken to, and listened to."""
+"""A call both ways, as its page shows it: workers are started, spoken to, and listened to."""
 
 import asyncio
 import os
@@ -33,7 +33,7 @@ from risorius.live_call.messages import (
     Draw,
     DrawingOptions,
     Drawn,
-    FromPart,
+    FromWorker,
     Heard,
     MicrophoneSound,
     OwnMedia,
@@ -49,7 +49,7 @@ from risorius.live_call.messages import (
     Switch,
     Trouble,
 )
-from risorius.live_call.part_process import PartProcess
+from risorius.live_call.worker_process import WorkerProcess
 from shared_model.errors import LINK_FAILED, UserError
 
 # What the names of a call's two directions end with.
@@ -116,7 +116,7 @@ def _share(options: CallOptions, relay: Relay, port: int, stack: ExitStack) -> s
 
 
 class _LiveCall:
-    """The parts of a call and its page; used in one event loop.
+    """The workers of a call and its page; used in one event loop.
 
     link: by which both directions connect, also where the call listens.
     """
@@ -137,9 +137,9 @@ class _LiveCall:
         self._over = asyncio.Event()
         self._failure: UserError | None = None
         self._status = CallStatus(self._page, self._clock, options.link, tell)
-        self._parts: list[PartProcess] = []
+        self._workers: list[WorkerProcess] = []
         self._ends: ZenohDirection | None = None
-        self._running = 0  # counts how often the parts have been started
+        self._running = 0  # counts how often the workers have been started
         self._recorded: dict[str, Path | None] = {}  # the call file of each side
         self._switches = {"mute": False, "camera-off": False, "face": options.media.face_on}
 
@@ -164,9 +164,9 @@ class _LiveCall:
                     self._status.tell()
                     await self._over.wait()
             finally:
-                for part in self._parts:
-                    part.close()
-                await asyncio.gather(*(asyncio.to_thread(part.wait) for part in self._parts))
+                for worker in self._workers:
+                    worker.close()
+                await asyncio.gather(*(asyncio.to_thread(worker.wait) for worker in self._workers))
         if self._failure is not None:
             raise self._failure
 
@@ -191,9 +191,9 @@ class _LiveCall:
 
     def _restart(self, direction: Direction) -> None:
         """Two ends that came at once had taken the same direction."""
-        if not self._over.is_set() and self._parts:
-            for part in self._parts:
-                part.close()
+        if not self._over.is_set() and self._workers:
+            for worker in self._workers:
+                worker.close()
             self._start(direction)
 
     def _start(self, direction: Direction) -> None:
@@ -204,9 +204,11 @@ class _LiveCall:
         other = DrawingOptions(self._direction(theirs))
         oneself = DrawingOptions(None, own_picture, SELF_FPS)
         try:
-            self._sender = self._part("sending_part", sending, (monitor,), self._receive_sending)
-            self._other = self._part("drawing_part", other, (), self._receive_other)
-            self._self = self._part("drawing_part", oneself, (own_picture,), self._receive_self)
+            self._sender = self._worker(
+                "sending_worker", sending, (monitor,), self._receive_sending
+            )
+            self._other = self._worker("drawing_worker", other, (), self._receive_other)
+            self._self = self._worker("drawing_worker", oneself, (own_picture,), self._receive_self)
         finally:
             for descriptor in (own_picture, monitor):
                 os.close(descriptor)
@@ -215,29 +217,29 @@ class _LiveCall:
     def _draw(self, is_needed: bool) -> None:
         """Let pictures be drawn here, where a page cannot, or leave that to the pages."""
         self._draws = is_needed
-        for part in (self._other, self._self) if self._parts else ():
-            part.send(Draw(is_needed))
+        for worker in (self._other, self._self) if self._workers else ():
+            worker.send(Draw(is_needed))
 
-    def _part(
+    def _worker(
         self,
         module: str,
         options: SendingOptions | DrawingOptions,
         descriptors: tuple[int, ...],
-        receive: Callable[[FromPart | None], None],
-    ) -> PartProcess:
-        """Start a part; it is ended with the call."""
+        receive: Callable[[FromWorker | None], None],
+    ) -> WorkerProcess:
+        """Start a worker; it is ended with the call."""
         loop, running = asyncio.get_running_loop(), self._running
 
-        def take(message: FromPart | None) -> None:
-            # What a part says that has been started again is of no interest.
+        def take(message: FromWorker | None) -> None:
+            # What a worker says that has been started again is of no interest.
             if running == self._running:
                 receive(message)
 
         early = [LEARNING_PROCESS] if isinstance(options, SendingOptions) else []
         name = f"risorius.live_call.{module}"
-        part = PartProcess(name, options, descriptors, take, loop, early)
-        self._parts.append(part)
-        return part
+        worker = WorkerProcess(name, options, descriptors, take, loop, early)
+        self._workers.append(worker)
+        return worker
 
     def _direction(self, suffix: str) -> LinkOptions:
         return replace(self._link, call=self._link.call + suffix)
@@ -262,9 +264,9 @@ class _LiveCall:
         if self._options.invitation is not None:
             self._page.tell("invitation", **card(self._options.invitation, self._watch))
 
-    # What the parts say.
+    # What the workers say.
 
-    def _receive_sending(self, message: FromPart | None) -> None:
+    def _receive_sending(self, message: FromWorker | None) -> None:
         if isinstance(message, Sending):
             self._status.sending = message
             self._tell()
@@ -273,7 +275,7 @@ class _LiveCall:
         else:
             self._receive(message)
 
-    def _receive_other(self, message: FromPart | None) -> None:
+    def _receive_other(self, message: FromWorker | None) -> None:
         if self._status.is_refused and isinstance(message, Drawn | ShownFace | Heard):
             # It is for somebody else.
             return
@@ -315,7 +317,7 @@ class _LiveCall:
         if not self._over.is_set():
             self._status.tell()
 
-    def _receive_self(self, message: FromPart | None) -> None:
+    def _receive_self(self, message: FromWorker | None) -> None:
         if isinstance(message, Drawn | ShownFace | ShownModel):
             self._show(Stream.SELF, message)
         elif message is not None:
@@ -330,9 +332,9 @@ class _LiveCall:
             self._page.tell("news", text=f"recording into {' and '.join(names)}")
         self._setup()
 
-    def _receive(self, message: FromPart | None) -> None:
+    def _receive(self, message: FromWorker | None) -> None:
         if message is None:
-            # A part that ends before the call is over has failed.
+            # A worker that ends before the call is over has failed.
             if not self._over.is_set():
                 self._fail("a part of the call has ended by itself", LINK_FAILED)
         elif isinstance(message, Strangers):
@@ -379,10 +381,10 @@ class _LiveCall:
         self._setup()
 
     def _record(self, on: bool) -> None:
-        """Let the parts begin or end a recording of both sides."""
+        """Let the workers begin or end a recording of both sides."""
         start = f"{self._link.call}-{time.strftime('%Y%m%d-%H%M%S')}"
-        for part, side in ((self._sender, "mine"), (self._other, "other")):
-            part.send(Record(self._options.folder / f"{start}-{side}.rzo" if on else None))
+        for worker, side in ((self._sender, "mine"), (self._other, "other")):
+            worker.send(Record(self._options.folder / f"{start}-{side}.rzo" if on else None))
 
 
 def _picture(stream: Stream, drawn: Drawn | ShownFace, jpeg: bytes) -> PictureMessage:

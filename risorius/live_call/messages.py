@@ -251,6 +251,6 @@ class Trouble:
 
 ToSender = CameraPicture | MicrophoneSound | Switch | Record
 ToDrawer = Record | Draw
-FromPart = (
+FromWorker = (
     Drawn | ShownModel | ShownFace | Heard | Sending | Receiving | Recording | Strangers | Trouble
 )

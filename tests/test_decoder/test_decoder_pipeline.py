@@ -15,7 +15,7 @@ from decoder.call_pictures import CallPictures
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from decoder.playout.call_source import CallSource
 from decoder.playout.received_frames import POLL_S
-from decoder.scene import scene_parts
+from decoder.scene import decoded_model
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_parameters import CallParameters
 from protocol.call_records import serialise_records
@@ -100,9 +100,9 @@ class Waited(CallReader):
 @pytest.fixture(autouse=True)
 def small_head(monkeypatch: pytest.MonkeyPatch) -> Head:
     head = synthetic_head()
-    monkeypatch.setattr(scene_parts, "generic_head", lambda: head)
+    monkeypatch.setattr(decoded_model, "generic_head", lambda: head)
     monkeypatch.setattr(
-        scene_parts,
+        decoded_model,
         "face_from_model",
         lambda model, head: Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices))),
     )

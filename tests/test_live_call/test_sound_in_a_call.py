@@ -3,7 +3,7 @@
 import numpy as np
 
 from decoder.sound.speech_frames import SpeechFrames
-from risorius.live_call.drawing_part import leading_silence
+from risorius.live_call.drawing_worker import leading_silence
 
 
 def test_speech_is_there_when_its_packet_has_come() -> None:

@@ -34,8 +34,8 @@ from risorius.live_call.messages import (
 )
 from risorius.live_call.packets.recorder import CallRecorder
 from risorius.live_call.packets.traffic_meter import MeteredSource, StampedSource, TrafficMeter
-from risorius.live_call.part_connection import PartConnection
 from risorius.live_call.thinning import Thinning, frame_step
+from risorius.live_call.worker_connection import WorkerConnection
 from runtime.image_ops import jpeg
 from runtime.parallel import lower_priority_of_process
 from shared_model.arrays import Samples
@@ -53,17 +53,17 @@ MAX_AHEAD = 64
 RETRY_S = 1.0
 
 
-def run(part: PartConnection, options: DrawingOptions) -> None:
+def run(worker: WorkerConnection, options: DrawingOptions) -> None:
     """Draw one call after the other until the process of the page is gone.
 
     Raises `UserError` if the link cannot be made the first time.
     """
     if options.link is None:
-        # The picture of oneself stands back behind the other parts of a call.
+        # The picture of oneself stands back behind the other workers of a call.
         lower_priority_of_process()
-    drawing = _Drawing(part, options)
-    part.in_background(drawing.obey)
-    part.every_second(drawing.figures)
+    drawing = _Drawing(worker, options)
+    worker.in_background(drawing.obey)
+    worker.every_second(drawing.figures)
     try:
         drawing.run()
     finally:
@@ -71,12 +71,12 @@ def run(part: PartConnection, options: DrawingOptions) -> None:
 
 
 class _Drawing:
-    def __init__(self, part: PartConnection, options: DrawingOptions) -> None:
-        self._part, self._options = part, options
-        self._meter, self.recorder = TrafficMeter(), CallRecorder(part.send)
+    def __init__(self, worker: WorkerConnection, options: DrawingOptions) -> None:
+        self._worker, self._options = worker, options
+        self._meter, self.recorder = TrafficMeter(), CallRecorder(worker.send)
         self._presence = Presence.AWAITED
         self._thinning = Thinning(options.fps, time.monotonic)
-        self._faces = ShownFaces(part.send, options.fps)
+        self._faces = ShownFaces(worker.send, options.fps)
         self._pictures: CallPictures | None = None
         self._sound: SoundTrack | None = None
         self._sound_start: int | None = None  # source frame of its beginning
@@ -84,20 +84,20 @@ class _Drawing:
         self._lock = Lock()  # of the losses
 
     def run(self) -> None:
-        """Draw until the part is over."""
+        """Draw until the worker is over."""
         source = self._open()
         while True:
             self._draw(source)
-            if self._options.link is None or self._part.is_over.is_set():
+            if self._options.link is None or self._worker.is_over.is_set():
                 return
             if self._presence is not Presence.AWAITED:
                 self._presence = Presence.LEFT
-            self._part.send(self.figures())
+            self._worker.send(self.figures())
             source = self._open_again()
 
     def obey(self) -> None:
         """Do what comes from the page until it is gone."""
-        self._part.obey(self._do)
+        self._worker.obey(self._do)
 
     def figures(self) -> Receiving:
         """How it goes, since the last time; for any thread."""
@@ -138,14 +138,14 @@ class _Drawing:
         if link is None:
             assert self._options.stream is not None
             return StampedSource(CallReader(os.fdopen(self._options.stream, "rb")))
-        return open_link_source(link, self._part.tell_of_link)
+        return open_link_source(link, self._worker.tell_of_link)
 
     def _open_again(self) -> PacketSource:
         while True:
             try:
                 return self._open()
             except UserError:
-                if self._part.is_over.wait(RETRY_S):
+                if self._worker.is_over.wait(RETRY_S):
                     raise
 
     def _draw(self, opened: PacketSource) -> None:
@@ -155,7 +155,7 @@ class _Drawing:
             self._losses.clear()
         source = MeteredSource(opened, self._meter, self._note)
         self._thinning = Thinning(self._options.fps, time.monotonic)
-        options, stop = CallSource(link=self._options.link), self._part.is_over.is_set
+        options, stop = CallSource(link=self._options.link), self._worker.is_over.is_set
         self._sound = self._sound_start = None
         try:
             drawing = CallPictures(
@@ -167,7 +167,7 @@ class _Drawing:
                     self._show(frame)
         except UserError as error:
             if error.exit_code != LINK_FAILED and not stop():
-                self._part.send(Trouble(str(error)))
+                self._worker.send(Trouble(str(error)))
         finally:
             self._pictures = None
 
@@ -192,7 +192,7 @@ class _Drawing:
         made_ms, arrival_s = 1000 * time.time(), self._thinning.arrival_s
         waited_s = 0.0 if arrival_s is None else time.monotonic() - arrival_s
         state = round(1000 * waited_s), frame.frozen, frame.lost
-        self._part.send(Drawn(frame.index, float(frame.time_s), made_ms, *state, data))
+        self._worker.send(Drawn(frame.index, float(frame.time_s), made_ms, *state, data))
 
     def _speak(self, sound: SoundTrack, pictures: CallPictures, index: int) -> None:
         """Send all the sound that is known.  index: of the picture that is drawn next."""
@@ -203,7 +203,7 @@ class _Drawing:
         heard = samples[leading_silence(samples) :]
         if len(heard):
             start_s += (len(samples) - len(heard)) / sound.rate_hz
-            self._part.send(Heard(start_s, sound.rate_hz, heard.tobytes()))
+            self._worker.send(Heard(start_s, sound.rate_hz, heard.tobytes()))
 
 
 def leading_silence(samples: Samples) -> int:

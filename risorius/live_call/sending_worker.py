@@ -23,12 +23,12 @@ from risorius.live_call.messages import (
 )
 from risorius.live_call.packets.recorder import CallRecorder
 from risorius.live_call.packets.traffic_meter import MeteredSink, TrafficMeter
-from risorius.live_call.part_connection import PartConnection
+from risorius.live_call.worker_connection import WorkerConnection
 from runtime.parallel import short_switch_interval
 from shared_model.errors import NO_FACE, UserError
 
 
-def run(part: PartConnection, options: SendingOptions) -> None:
+def run(worker: WorkerConnection, options: SendingOptions) -> None:
     """Send until the process of the page is gone, or says so.
 
     Raises `UserError` if the camera, the voice or the link cannot be opened.
@@ -38,19 +38,19 @@ def run(part: PartConnection, options: SendingOptions) -> None:
         face_on = Event()
         if options.media.face_on:
             face_on.set()
-        recorder = CallRecorder(part.send)
+        recorder = CallRecorder(worker.send)
         stack.callback(recorder.close)
         devices = stack.enter_context(Devices(options.media))
-        part.in_background(lambda: _obey(part, devices, recorder, face_on))
-        sent = _Sent(options, devices, recorder, stack, part.tell_of_link)
-        part.every_second(sent.figures)
+        worker.in_background(lambda: _obey(worker, devices, recorder, face_on))
+        sent = _Sent(options, devices, recorder, stack, worker.tell_of_link)
+        worker.every_second(sent.figures)
         capture = devices.capture()
         if capture is None:
             return
         face = options.media.face
         callbacks = SessionCallbacks(
             lambda done, total: None,
-            part.is_over.is_set,
+            worker.is_over.is_set,
             on_preparing=sent.prepare,
             other_face=None if face is None else OtherFace(face, face_on.is_set),
         )
@@ -58,11 +58,13 @@ def run(part: PartConnection, options: SendingOptions) -> None:
             run = EncodeRun(sent.options, capture, sent.stats, callbacks)
             encode_live(run, sent.sink, devices.voice)
         except UserError as error:
-            if not (part.is_over.is_set() and error.exit_code == NO_FACE):
+            if not (worker.is_over.is_set() and error.exit_code == NO_FACE):
                 raise
 
 
-def _obey(part: PartConnection, devices: Devices, recorder: CallRecorder, face_on: Event) -> None:
+def _obey(
+    worker: WorkerConnection, devices: Devices, recorder: CallRecorder, face_on: Event
+) -> None:
     """Do what comes from the page until it is gone; then there is no camera any more."""
 
     def do(message: ToSender) -> None:
@@ -74,7 +76,7 @@ def _obey(part: PartConnection, devices: Devices, recorder: CallRecorder, face_o
             devices.receive(message)
 
     try:
-        part.obey(do)
+        worker.obey(do)
     finally:
         devices.close()
 

@@ -1,4 +1,4 @@
-"""A part of a call: a process of its own, and its end of the connection to the page's process."""
+"""A worker of a call: a process of its own, and its end of the connection to the page's process."""
 
 import signal
 import socket
@@ -10,25 +10,25 @@ from threading import Event, Lock
 from typing import Any
 
 from protocol.link.link_protection import STRANGERS
-from risorius.live_call.messages import FromPart, Strangers, Trouble
+from risorius.live_call.messages import FromWorker, Strangers, Trouble
 from runtime.child_process import start_early
 from runtime.object_stream import ObjectStream
 from shared_model.errors import UserError
 
-# How often a part tells how it goes.
+# How often a worker tells how it goes.
 FIGURES_S = 1.0
 
 
-class PartConnection:
-    """The connection of a part to the process of the page.
+class WorkerConnection:
+    """The connection of a worker to the process of the page.
 
-    is_over: set once that is gone, or wants the part to end.
+    is_over: set once that is gone, or wants the worker to end.
     """
 
     def __init__(self, stream: ObjectStream) -> None:
         self._stream, self._lock, self.is_over = stream, Lock(), Event()
 
-    def send(self, message: FromPart) -> None:
+    def send(self, message: FromWorker) -> None:
         """Send a message; any thread may.  Without anybody to receive it, it is lost."""
         with self._lock, suppress(OSError):
             self._stream.send(message)
@@ -39,9 +39,9 @@ class PartConnection:
             self.send(Strangers())
 
     def obey(self, do: Callable[[Any], None]) -> None:
-        """Call `do` with what comes, until the other end is gone; then the part is over.
+        """Call `do` with what comes, until the other end is gone; then the worker is over.
 
-        A mistake of the user in it is sent back.  Any other error ends the part.
+        A mistake of the user in it is sent back.  Any other error ends the worker.
         """
         try:
             for message in self._messages():
@@ -56,7 +56,7 @@ class PartConnection:
         """Run something in a thread that does not keep the process alive."""
         threading.Thread(target=work, daemon=True).start()
 
-    def every_second(self, tell: Callable[[], FromPart]) -> None:
+    def every_second(self, tell: Callable[[], FromWorker]) -> None:
         """Send what `tell` returns once a second."""
 
         def work() -> None:
@@ -74,21 +74,21 @@ class PartConnection:
 
 
 def serve(descriptor: int, module: str, *early: str) -> None:
-    """Run a part, `module`.run: its options come first over the socket.
+    """Run a worker, `module`.run: its options come first over the socket.
 
     early: modules of processes that it will start, see `start_early`.
 
     A mistake of the user ends it with a message.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    run: Callable[[PartConnection, Any], None] = import_module(module).run
+    run: Callable[[WorkerConnection, Any], None] = import_module(module).run
     for each in early:
         start_early(each)
     stream = ObjectStream(socket.socket(fileno=descriptor))
-    part = PartConnection(stream)
+    worker = WorkerConnection(stream)
     options = stream.receive()
     try:
-        run(part, options)
+        run(worker, options)
     except UserError as error:
-        part.send(Trouble(str(error), error.exit_code))
+        worker.send(Trouble(str(error), error.exit_code))
     stream.close()

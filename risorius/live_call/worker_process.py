@@ -1,4 +1,4 @@
-"""A part of a call as the page's process sees it: started, spoken to, and ended."""
+"""A worker of a call as the page's process sees it: started, spoken to, and ended."""
 
 import asyncio
 import subprocess
@@ -10,7 +10,7 @@ from threading import Condition, Thread
 from risorius.live_call.messages import (
     CameraPicture,
     DrawingOptions,
-    FromPart,
+    FromWorker,
     MicrophoneSound,
     SendingOptions,
     ToDrawer,
@@ -19,13 +19,13 @@ from risorius.live_call.messages import (
 from runtime.child_process import start_child
 from runtime.object_stream import ObjectStream
 
-# Pictures and pieces of sound that may wait for a part that is busy.
+# Pictures and pieces of sound that may wait for a worker that is busy.
 MAX_PICTURES, MAX_SOUNDS = 2, 50
-# How long a part that has been told to end may take.
+# How long a worker that has been told to end may take.
 END_S = 5.0
 
 
-class PartProcess:
+class WorkerProcess:
     """A process that runs `module`.run until it is closed.
 
     descriptors: of this process, that it gets.
@@ -38,12 +38,12 @@ class PartProcess:
         module: str,
         options: SendingOptions | DrawingOptions,
         descriptors: tuple[int, ...],
-        receive: Callable[[FromPart | None], None],
+        receive: Callable[[FromWorker | None], None],
         loop: asyncio.AbstractEventLoop,
         early: Sequence[str] = (),
     ) -> None:
         self._process, ours = start_child(
-            "risorius.live_call.part_connection", [module, *early], descriptors
+            "risorius.live_call.worker_connection", [module, *early], descriptors
         )
         self._stream = ObjectStream(ours)
         self._stream.send(options)
@@ -98,7 +98,7 @@ class PartProcess:
         self._stream.close()
         self._tell(None)
 
-    def _tell(self, message: FromPart | None) -> None:
+    def _tell(self, message: FromWorker | None) -> None:
         # The loop may be closed already.
         with suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._receive_message, message)

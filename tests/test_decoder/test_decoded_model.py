@@ -9,7 +9,7 @@ import pytest
 from layer_streams import FIRST, WHOLE, learned_layers
 
 from decoder.playout.received_models import ReceivedModels
-from decoder.scene.scene_parts import KEPT_MODELS, PartsLoader, SceneParts
+from decoder.scene.decoded_model import KEPT_MODELS, DecodedModel, ModelLoader
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket
 from protocol.progressive_model import LayerBuffer
@@ -17,10 +17,10 @@ from protocol.progressive_model import LayerBuffer
 GiveWay = Callable[[], None]
 
 
-def parts_of(model: ModelPacket) -> SceneParts:
+def decoded_of(model: ModelPacket) -> DecodedModel:
     """Parts with nothing but the model."""
     nothing = cast(Any, None)
-    return SceneParts(model, nothing, nothing, nothing, nothing, nothing, nothing)
+    return DecodedModel(model, nothing, nothing, nothing, nothing, nothing, nothing)
 
 
 def with_a_mode(model: ModelPacket) -> ModelPacket:
@@ -39,13 +39,13 @@ def update_of(model: ModelPacket, number: int = 1) -> ModelPacket:
 def test_each_model_is_decoded_once_after_the_newest_that_is_the_same() -> None:
     asked = list[tuple[ModelPacket, ModelPacket | None]]()
 
-    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
+    def load(model: ModelPacket, before: DecodedModel | None, give_way: GiveWay) -> DecodedModel:
         asked.append((model, before.model if before else None))
-        return parts_of(model)
+        return decoded_of(model)
 
     call = replace(WHOLE.call, width=2 * WHOLE.call.width)
     longer, other = with_a_mode(WHOLE), replace(WHOLE, call=call)
-    loader = PartsLoader(load)
+    loader = ModelLoader(load)
     try:
         for model in (WHOLE, other, longer, WHOLE, longer):
             loader.request(model)
@@ -63,12 +63,12 @@ def test_each_model_is_decoded_once_after_the_newest_that_is_the_same() -> None:
 def test_the_model_in_use_is_kept_however_many_are_asked_for() -> None:
     asked = list[ModelPacket]()
 
-    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
+    def load(model: ModelPacket, before: DecodedModel | None, give_way: GiveWay) -> DecodedModel:
         asked.append(model)
-        return parts_of(model)
+        return decoded_of(model)
 
     following = [update_of(WHOLE, number) for number in range(1, 3 * KEPT_MODELS)]
-    loader = PartsLoader(load)
+    loader = ModelLoader(load)
     try:
         for model in (WHOLE, *following):
             # Models that are decoded all at once, late, would each be newer than the one in use.
@@ -83,12 +83,12 @@ def test_the_model_in_use_is_kept_however_many_are_asked_for() -> None:
 def test_further_layers_do_not_wait_for_another_model() -> None:
     has_more, update = Event(), update_of(WHOLE)
 
-    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
+    def load(model: ModelPacket, before: DecodedModel | None, give_way: GiveWay) -> DecodedModel:
         if model.version == update.version:
             assert has_more.wait(60)
-        return parts_of(model)
+        return decoded_of(model)
 
-    loader = PartsLoader(load)
+    loader = ModelLoader(load)
     try:
         loader.get(WHOLE)
         following = loader.request(update)
@@ -109,11 +109,11 @@ def test_layers_do_not_wait_for_a_model_asked_for_before_them() -> None:
     may_begin, may_go_on = Event(), Event()
     update, longer = update_of(WHOLE), with_a_mode(WHOLE)
 
-    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
+    def load(model: ModelPacket, before: DecodedModel | None, give_way: GiveWay) -> DecodedModel:
         assert (may_go_on if model is update else may_begin).wait(60)
-        return parts_of(model)
+        return decoded_of(model)
 
-    loader = PartsLoader(load)
+    loader = ModelLoader(load)
     try:
         whole, following, layers = map(loader.request, (WHOLE, update, longer))
         may_begin.set()
@@ -130,13 +130,13 @@ def test_layers_do_not_wait_for_a_model_asked_for_before_them() -> None:
 def test_a_loader_that_is_closed_begins_nothing_more(caplog: pytest.LogCaptureFixture) -> None:
     has_begun, asked = Event(), list[ModelPacket]()
 
-    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
+    def load(model: ModelPacket, before: DecodedModel | None, give_way: GiveWay) -> DecodedModel:
         asked.append(model)
         has_begun.set()
         assert is_closing.wait(60)
-        return parts_of(model)
+        return decoded_of(model)
 
-    loader, is_closing = PartsLoader(load), Event()
+    loader, is_closing = ModelLoader(load), Event()
     for model in (WHOLE, update_of(WHOLE), with_a_mode(WHOLE)):
         loader.request(model)
     assert has_begun.wait(60)
@@ -149,16 +149,16 @@ def test_a_model_that_follows_gives_way_to_further_layers() -> None:
     is_asked, may_end, update = Event(), Event(), update_of(WHOLE)
     done = list[ModelPacket]()
 
-    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
+    def load(model: ModelPacket, before: DecodedModel | None, give_way: GiveWay) -> DecodedModel:
         if model is update:
             assert is_asked.wait(60)
             give_way()
         elif model is longer:
             assert may_end.wait(60)
         done.append(model)
-        return parts_of(model)
+        return decoded_of(model)
 
-    longer, loader = with_a_mode(WHOLE), PartsLoader(load)
+    longer, loader = with_a_mode(WHOLE), ModelLoader(load)
     try:
         loader.get(WHOLE)
         following, layers = loader.request(update), loader.request(longer)
@@ -177,12 +177,12 @@ def test_a_model_that_follows_gives_way_to_further_layers() -> None:
 def test_a_model_that_others_wait_to_build_on_is_kept() -> None:
     asked, may_go_on, update = list[tuple[int, bool]](), Event(), update_of(WHOLE)
 
-    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
+    def load(model: ModelPacket, before: DecodedModel | None, give_way: GiveWay) -> DecodedModel:
         asked.append((model.version, before is not None and before.model.version == model.version))
         assert may_go_on.wait(60)
-        return parts_of(model)
+        return decoded_of(model)
 
-    loader = PartsLoader(load)
+    loader = ModelLoader(load)
     try:
         # The same update, each time with other pictures of the model before.
         waiting = [loader.request(replace(update)) for _ in range(2 * KEPT_MODELS)]
@@ -195,13 +195,13 @@ def test_a_model_that_others_wait_to_build_on_is_kept() -> None:
 
 
 def test_a_model_that_cannot_be_drawn_is_told_to_who_asks_and_left_out() -> None:
-    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
+    def load(model: ModelPacket, before: DecodedModel | None, give_way: GiveWay) -> DecodedModel:
         if model is FIRST:
             raise ProtocolError("damaged")
         assert before is None
-        return parts_of(model)
+        return decoded_of(model)
 
-    loader = PartsLoader(load)
+    loader = ModelLoader(load)
     try:
         loader.request(FIRST)
         assert loader.get(WHOLE).model is WHOLE

@@ -1,4 +1,4 @@
-"""The parts of a call: what ends them, and what they say of it."""
+"""The workers of a call: what ends them, and what they say of it."""
 
 import socket
 from contextlib import closing
@@ -14,7 +14,7 @@ from loopback.process_pair import free_port
 from protocol.link.carriers import open_link_source
 from protocol.link.interface import LinkOptions, MessageCallback, PacketSource
 from protocol.relay.zenoh_relay import Relay, RelayOptions
-from risorius.live_call import drawing_part, sending_part
+from risorius.live_call import drawing_worker, sending_worker
 from risorius.live_call.messages import (
     DrawingOptions,
     OwnMedia,
@@ -23,14 +23,14 @@ from risorius.live_call.messages import (
     Trouble,
 )
 from risorius.live_call.packets.traffic_meter import MeteredSource
-from risorius.live_call.part_connection import PartConnection
+from risorius.live_call.worker_connection import WorkerConnection
 from runtime.object_stream import ObjectStream
 from shared_model.errors import UserError
 
 
 def test_a_mistake_of_the_user_is_told_and_what_comes_next_is_done() -> None:
     ours, theirs = map(ObjectStream, socket.socketpair())
-    part, done = PartConnection(theirs), list[Path | None]()
+    worker, done = WorkerConnection(theirs), list[Path | None]()
 
     def do(message: Record) -> None:
         done.append(message.path)
@@ -40,35 +40,35 @@ def test_a_mistake_of_the_user_is_told_and_what_comes_next_is_done() -> None:
     for path in (Path("x.rzo"), None):
         ours.send(Record(path))
     ours.close()
-    part.obey(do)
-    assert done == [Path("x.rzo"), None] and part.is_over.is_set()
+    worker.obey(do)
+    assert done == [Path("x.rzo"), None] and worker.is_over.is_set()
 
 
 def test_a_mistake_is_told_to_the_page() -> None:
     ours, theirs = map(ObjectStream, socket.socketpair())
-    part = PartConnection(theirs)
+    worker = WorkerConnection(theirs)
 
     def do(message: Record) -> None:
-        part.is_over.set()
+        worker.is_over.set()
         raise UserError("no space left")
 
     ours.send(Record(None))
-    part.in_background(lambda: part.obey(do))
+    worker.in_background(lambda: worker.obey(do))
     assert ours.receive() == Trouble("no space left")
     ours.close()
 
 
-def test_any_other_error_ends_the_part() -> None:
+def test_any_other_error_ends_the_worker() -> None:
     ours, theirs = map(ObjectStream, socket.socketpair())
-    part = PartConnection(theirs)
+    worker = WorkerConnection(theirs)
 
     def do(message: Record) -> None:
         raise AttributeError
 
     ours.send(Record(None))
     with pytest.raises(AttributeError):
-        part.obey(do)
-    assert part.is_over.is_set()
+        worker.obey(do)
+    assert worker.is_over.is_set()
 
 
 def test_who_sends_waits_as_long_as_the_user_says(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_who_sends_waits_as_long_as_the_user_says(tmp_path: Path) -> None:
     options = SendingOptions(link, OwnMedia(str(clip), None, "off", 800.0, False), None)
     ours, theirs = map(ObjectStream, socket.socketpair())
     with closing(ours), pytest.raises(UserError, match=r"cannot reach .* within 0\.2 s"):
-        sending_part.run(PartConnection(theirs), options)
+        sending_worker.run(WorkerConnection(theirs), options)
 
 
 def test_who_draws_opens_no_other_link_once_the_call_is_over(
@@ -89,19 +89,19 @@ def test_who_draws_opens_no_other_link_once_the_call_is_over(
     """The other end would wait for whoever joins then."""
     address, opened = f"127.0.0.1:{free_port()}", list[PacketSource]()
     ours, theirs = map(ObjectStream, socket.socketpair())
-    part = PartConnection(theirs)
+    worker = WorkerConnection(theirs)
 
     def open_and_note(options: LinkOptions, say: MessageCallback) -> PacketSource:
         opened.append(open_link_source(options, say))
         return opened[-1]
 
     def draw_and_hang_up(*arguments: Any) -> MeteredSource:
-        part.is_over.set()
+        worker.is_over.set()
         return MeteredSource(*arguments)
 
-    monkeypatch.setattr("risorius.live_call.drawing_part.open_link_source", open_and_note)
-    monkeypatch.setattr("risorius.live_call.drawing_part.MeteredSource", draw_and_hang_up)
+    monkeypatch.setattr("risorius.live_call.drawing_worker.open_link_source", open_and_note)
+    monkeypatch.setattr("risorius.live_call.drawing_worker.MeteredSource", draw_and_hang_up)
     link = LinkOptions("anna-b", connect=(address,), connect_timeout_s=60)
     with closing(ours), Relay(RelayOptions((f"tcp/{address}",))):
-        drawing_part.run(part, DrawingOptions(link))
+        drawing_worker.run(worker, DrawingOptions(link))
     assert len(opened) == 1

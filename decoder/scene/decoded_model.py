@@ -1,7 +1,7 @@
 """What a scene is drawn from, decoded from a model packet: all that needs no renderer.
 
 A well-formed model packet may describe a face that cannot be drawn: it is refused here.
-A model takes longer to decode than a frame.  `PartsLoader` does it beside the frames, as soon as
+A model takes longer to decode than a frame.  `ModelLoader` does it beside the frames, as soon as
 the model has been received.
 """
 
@@ -49,7 +49,7 @@ WARM_UP_PX = 64
 
 
 @dataclass(frozen=True, slots=True)
-class SceneParts:
+class DecodedModel:
     """A model packet, with the layers applied so far, and what is drawn of it.
 
     damages: what was wrong with further layers of the model; they are not drawn.
@@ -65,14 +65,14 @@ class SceneParts:
     damages: tuple[ProtocolError, ...] = ()
 
 
-def scene_parts(
+def decoded_model(
     model: ModelPacket,
-    before: SceneParts | None = None,
+    before: DecodedModel | None = None,
     give_way: Callable[[], None] = go_on,
-) -> SceneParts:
+) -> DecodedModel:
     """Decode a model.
 
-    before: parts of an earlier model; what has not changed since is taken over.
+    before: an earlier model; what has not changed since is taken over.
     give_way: called before each picture; waits while what is more urgent is decoded.
     Raises `ProtocolError` if the model cannot be drawn.
     """
@@ -90,30 +90,30 @@ def scene_parts(
     else:
         layers = load_background(model.background, camera.width, camera.height)
     mesh = make_background_mesh(camera, model.reference_pose, head, rest)
-    return SceneParts(model, head, face, appearance, mesh, layers, LayerMotion(mesh, layers))
+    return DecodedModel(model, head, face, appearance, mesh, layers, LayerMotion(mesh, layers))
 
 
 def _with_more_layers(
-    before: SceneParts, model: ModelPacket, give_way: Callable[[], None]
-) -> SceneParts:
-    """The parts with further layers of the same model; those that are damaged are left out."""
+    before: DecodedModel, model: ModelPacket, give_way: Callable[[], None]
+) -> DecodedModel:
+    """The model with further layers of it; those that are damaged are left out."""
     appearance, damage = before.appearance.updated(model, give_way)
     damages = before.damages if damage is None else (*before.damages, damage)
-    parts = replace(before, model=model, appearance=appearance, damages=damages)
+    decoded = replace(before, model=model, appearance=appearance, damages=damages)
     if model.background == before.model.background:
-        return parts
+        return decoded
     try:
         layers = load_background(model.background, model.call.width, model.call.height)
     except ProtocolError as error:
-        return replace(parts, damages=(*damages, error))
-    return replace(parts, layers=layers, motion=LayerMotion(before.mesh, layers))
+        return replace(decoded, damages=(*damages, error))
+    return replace(decoded, layers=layers, motion=LayerMotion(before.mesh, layers))
 
 
 def _background(model: ModelPacket) -> tuple[int, int, bytes]:
     return model.call.width, model.call.height, model.background
 
 
-LoadParts = Callable[[ModelPacket, SceneParts | None, Callable[[], None]], SceneParts]
+Decode = Callable[[ModelPacket, DecodedModel | None, Callable[[], None]], DecodedModel]
 
 
 @dataclass(eq=False, slots=True)
@@ -125,23 +125,23 @@ class _Job:
 
     model: ModelPacket
     used: int
-    parts: "Future[SceneParts]" = field(default_factory=Future)
+    future: "Future[DecodedModel]" = field(default_factory=Future)
 
-    def decoded(self) -> SceneParts | None:
-        """The parts, if they are there."""
-        is_there = self.parts.done() and self.parts.exception() is None
-        return self.parts.result() if is_there else None
+    def decoded(self) -> DecodedModel | None:
+        """The decoded model, if it is there."""
+        is_there = self.future.done() and self.future.exception() is None
+        return self.future.result() if is_there else None
 
 
-class PartsLoader:
+class ModelLoader:
     """Decodes models beside the frames, each once, in the order in which they are asked for.
 
     Further layers of a model, whose frames may have come, do not wait for a model that follows:
     they have a thread of their own, to which that of the model gives way between two pictures.
-    load: as `scene_parts`.
+    load: as `decoded_model`.
     """
 
-    def __init__(self, load: LoadParts = scene_parts) -> None:
+    def __init__(self, load: Decode = decoded_model) -> None:
         self._load, self._uses = load, count()
         self._of_models, self._of_layers = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
         # Layers that are decoded or could be; for any thread.
@@ -152,27 +152,27 @@ class PartsLoader:
         """Do what takes long the first time, before a model is there."""
         self._of_models.submit(_warm_up)
 
-    def request(self, model: ModelPacket) -> "Future[SceneParts]":
+    def request(self, model: ModelPacket) -> "Future[DecodedModel]":
         """Begin to decode a model, unless that has been done."""
         for known in reversed(self._jobs):
             if known.model is model:
                 known.used = next(self._uses)
-                return known.parts
+                return known.future
         alike = [job for job in self._jobs if is_same_model(job.model, model)]
         job = _Job(model, next(self._uses))
-        job.parts.add_done_callback(lambda _: setattr(job, "used", next(self._uses)))
-        done = [each for each in self._jobs if each.parts.done()]
+        job.future.add_done_callback(lambda _: setattr(job, "used", next(self._uses)))
+        done = [each for each in self._jobs if each.future.done()]
         dropped = sorted(done, key=lambda each: each.used)[:-KEPT_MODELS]
         self._jobs = (*(each for each in self._jobs if each not in dropped), job)
         if alike:
             # Not after models that were asked for meanwhile.
-            alike[-1].parts.add_done_callback(lambda _: self._start(job, self._of_layers))
+            alike[-1].future.add_done_callback(lambda _: self._start(job, self._of_layers))
         else:
             self._start(job, self._of_models)
-        return job.parts
+        return job.future
 
-    def get(self, model: ModelPacket) -> SceneParts:
-        """The parts of a model; waits for them.  Raises `ProtocolError` as `scene_parts`."""
+    def get(self, model: ModelPacket) -> DecodedModel:
+        """A model, decoded; waits for that.  Raises `ProtocolError` as `decoded_model`."""
         return self.request(model).result()
 
     def close(self) -> None:
@@ -204,12 +204,12 @@ class PartsLoader:
             self._changed.wait_for(lambda: not self._layers_asked)
 
     def _run(self, job: _Job, give_way: Callable[[], None]) -> None:
-        before = [parts for each in self._jobs if (parts := each.decoded()) is not None]
-        alike = [parts for parts in before if is_same_model(parts.model, job.model)]
+        before = [decoded for each in self._jobs if (decoded := each.decoded()) is not None]
+        alike = [decoded for decoded in before if is_same_model(decoded.model, job.model)]
         try:
-            job.parts.set_result(self._load(job.model, [None, *before, *alike][-1], give_way))
-        except Exception as error:  # for whoever asks for the parts
-            job.parts.set_exception(error)
+            job.future.set_result(self._load(job.model, [None, *before, *alike][-1], give_way))
+        except Exception as error:  # for whoever asks for the model
+            job.future.set_exception(error)
 
 
 def _warm_up() -> None:
