@@ -69,6 +69,7 @@ class ModelLifecycle:
             self._learn,
             clock,
             one_by_one=pacing.in_real_time,
+            bytes_per_s=trainers.mode_limits.bytes_per_s,
         )
         self._states = ModelStates(events.on_state)
         self._training: Future[ModelVersion] | None = None
@@ -271,7 +272,8 @@ class ModelLifecycle:
             return self._learner.train(task)
 
     def _start_modes(self, version: ModelVersion) -> None:
-        self._learner.start_modes(version, self._pacing.mode_samples_per_s)
+        samples_per_s = self._pacing.mode_samples_per_s
+        self._learner.start_modes(version, samples_per_s, self._trainers.mode_limits)
         self._modes.start()
 
     def _learn(

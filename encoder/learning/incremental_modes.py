@@ -30,18 +30,51 @@ from shared_model.parameters import FaceParameters
 # Samples of a sliding window, weighted down by age.
 WINDOW_S = 3.0
 HALF_LIFE_S = 1.0
-# Bytes that modes may take, with a reservoir of one second.
-BYTES_PER_S = 1200.0
-# A mode must explain this share of the residual energy.  A mode is encoded if a pretest, without
-# entropy coding, predicts at least this part of that share.
-MIN_EXPLAINED_SHARE, PRETEST_FACTOR = 0.04, 0.5
-# The quantiser step of a mode of unit scale, in steps of `picture_codec.step_size`.
-INITIAL_STEP = 28
-# A mode of more bytes is encoded again, so many steps coarser; the next mode starts as many steps
-# finer than the last one ended.  A mode that is sent early is worth more than a fine one.
-MAX_MODE_BYTES = 500
+# Bytes of modes grow by this power of those of models, and steps fall by so many each time they
+# have doubled.
+SCALING, STEPS_PER_DOUBLING = 1.25, 6.0
+# A mode is encoded if a pretest, without entropy coding, predicts at least this part of the share
+# of the residual energy that it must explain.
+PRETEST_FACTOR = 0.5
+# A mode of more bytes than it may have is encoded again, so many steps coarser; the next mode
+# starts as many steps finer than the last one ended.  One that is sent early is worth more than a
+# fine one.
 STEP_BACKOFF = 4
 MIN_SAMPLES = 2
+
+
+@dataclass(frozen=True, slots=True)
+class ModeLimits:
+    """How fine modes are, and how many bytes they may take.
+
+    bytes_per_s: of all modes, with a reservoir of one second.  mode_bytes: of one.
+    step: of the quantiser for a mode of unit scale, in steps of `picture_codec.step_size`.
+    least_share: of the residual energy, that a mode must explain.
+    """
+
+    bytes_per_s: float = 1200.0
+    mode_bytes: float = 500.0
+    step: float = 28.0
+    least_share: float = 0.04
+
+    def scaled(self, budget: float) -> "ModeLimits":
+        """The limits where models may have `budget` times the usual bytes; less is no limit.
+
+        Of three times as many bytes modes take four times as many, with a third of the step.
+        """
+        if budget <= 1:
+            return self
+        octaves = SCALING * np.log2(budget)
+        factor = float(np.exp2(octaves))
+        return ModeLimits(
+            factor * self.bytes_per_s,
+            factor * self.mode_bytes,
+            self.step - STEPS_PER_DOUBLING * float(octaves),
+            self.least_share / factor,
+        )
+
+
+USUAL_LIMITS = ModeLimits()
 
 
 def window_samples(samples_per_s: float) -> int:
@@ -67,8 +100,10 @@ class ModeLearner:
     samples_per_s: of the call's time.
     """
 
-    def __init__(self, person: PersonModel, samples_per_s: float) -> None:
-        self._person, self._samples_per_s = person, samples_per_s
+    def __init__(
+        self, person: PersonModel, samples_per_s: float, limits: ModeLimits = USUAL_LIMITS
+    ) -> None:
+        self._person, self._samples_per_s, self._limits = person, samples_per_s, limits
         appearance, shape = person.appearance, person.shape
         self._texels = (shape.atlas.rows, shape.atlas.columns)
         self._mean = appearance.mean[self._texels]
@@ -133,12 +168,13 @@ class ModeLearner:
         recency = np.exp2(-age / (2 * HALF_LIFE_S * self._samples_per_s))
         direction, share = self._residual.leading_direction(recency)
         # The share of the leading direction is an upper bound for any mode's.
-        if share < MIN_EXPLAINED_SHARE:
+        least_share = self._limits.least_share
+        if share < least_share:
             return None
         planes, step = self._scaled_planes(direction)
         offset = max(0, self._step_offset - STEP_BACKOFF)
         retained = retained_energy(self._mode_codec, planes, _clipped_step(step + offset))
-        if share * retained < PRETEST_FACTOR * MIN_EXPLAINED_SHARE:
+        if share * retained < PRETEST_FACTOR * least_share:
             return None
         self._step_offset = offset
         codec, encoded = self._encode(planes, step)
@@ -147,7 +183,7 @@ class ModeLearner:
             return None
         before = self._residual.weighted_energy(recency)
         self._residual.add_mode(row)
-        if before - self._residual.weighted_energy(recency) < MIN_EXPLAINED_SHARE * before:
+        if before - self._residual.weighted_energy(recency) < least_share * before:
             self._residual.remove_last_mode()
             return None
         self._mode_codec = codec
@@ -161,15 +197,15 @@ class ModeLearner:
         size = len(self._person.appearance.mean)
         planes = np.zeros((size, size, 3), np.float32)
         planes[self._texels] = direction * np.float32(scale)
-        return planes, round(INITIAL_STEP + STEPS_PER_OCTAVE * np.log2(scale))
+        return planes, round(self._limits.step + STEPS_PER_OCTAVE * np.log2(scale))
 
     def _encode(self, planes: Single, step: int) -> tuple[ModeCodec, EncodedPicture]:
-        """A mode within `MAX_MODE_BYTES`, and the codec state after it; raises the step offset."""
+        """A mode within its limits, and the codec state after it; raises the step offset."""
         while True:
             codec = self._mode_codec.copy()
             tried = _clipped_step(step + self._step_offset)
             encoded = encode_mode(codec, planes, tried)
-            if encoded.size_bytes <= MAX_MODE_BYTES or tried == MAX_STEP_CODE:
+            if encoded.size_bytes <= self._limits.mode_bytes or tried == MAX_STEP_CODE:
                 return codec, encoded
             self._step_offset += STEP_BACKOFF
 

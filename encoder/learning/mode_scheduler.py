@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from encoder.learning.face_sample import FaceSample
 from encoder.learning.incremental_modes import (
-    BYTES_PER_S,
     MIN_SAMPLES,
+    USUAL_LIMITS,
     LearnedMode,
     window_samples,
 )
@@ -45,6 +45,7 @@ class ModeScheduler:
     samples_per_s: of the call's time.
     one_by_one: an update has one mode, and the next one follows while samples show more: the first
         can be used while the next is learned.
+    bytes_per_s: see `ModeLimits`.
     """
 
     def __init__(
@@ -55,7 +56,9 @@ class ModeScheduler:
         learn: LearnModes,
         clock: Callable[[], float],
         one_by_one: bool = False,
+        bytes_per_s: float = USUAL_LIMITS.bytes_per_s,
     ) -> None:
+        self._bytes_per_s = bytes_per_s
         self._fps, self._interval_s, self._learn = fps, interval_s, learn
         self._clock, self._job_begin_s = clock, 0.0
         self._frames_per_sample, self._window = fps / samples_per_s, window_samples(samples_per_s)
@@ -118,8 +121,8 @@ class ModeScheduler:
         is_due = has_new or (self._is_unfinished and self._may_follow(index))
         if not is_due or not may_start or max_modes <= 0:
             return modes
-        earned = BYTES_PER_S * min(1.0, (index - self._last_update) / self._fps)
-        self._byte_budget = min(self._byte_budget + earned, BYTES_PER_S)
+        earned = self._bytes_per_s * min(1.0, (index - self._last_update) / self._fps)
+        self._byte_budget = min(self._byte_budget + earned, self._bytes_per_s)
         self._last_update = index
         samples = list(self._new_samples)
         self._new_samples.clear()

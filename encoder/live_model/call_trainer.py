@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from encoder.capture.video_source import VideoFormat
 from encoder.coding.background import EncodeBackground, background_of, encoded_in_a_thread
 from encoder.coding.gop import GopStructure
-from encoder.coding.model_packet import ModelBudget
+from encoder.coding.model_packet import BUDGETS, ModelBudget
 from encoder.detection.landmark_indices import face_outline
 from encoder.layers.layer_learning import layers_of_frame
+from encoder.learning.incremental_modes import USUAL_LIMITS, ModeLimits
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.pacing import Pacing
@@ -36,6 +37,12 @@ class CallTrainers:
     budget: ModelBudget
     pacing: Pacing
     encode_background: EncodeBackground = encoded_in_a_thread
+
+    @property
+    def mode_limits(self) -> ModeLimits:
+        """Of the modes that are learned from one model to the next."""
+        usual = BUDGETS["live"].appearance_bytes
+        return USUAL_LIMITS.scaled(self.budget.appearance_bytes / usual)
 
     def trainer(
         self, picture: Picture, points: Array, progressive: bool, first_number: int = 0

@@ -13,7 +13,7 @@ from encoder.coding.background import Background, encoded_in_a_thread
 from encoder.coding.gop import GopStructure
 from encoder.learning.face_sample import FaceSample
 from encoder.learning.hidden_faces import HandWatch
-from encoder.learning.incremental_modes import LearnedMode, ModeLearner
+from encoder.learning.incremental_modes import LearnedMode, ModeLearner, ModeLimits
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.warm_up import warm_up
@@ -54,7 +54,7 @@ class Learner(Protocol):
     def train(self, task: TrainingTask) -> "Future[ModelVersion]":
         """Train an update."""
 
-    def start_modes(self, version: ModelVersion, samples_per_s: float) -> None:
+    def start_modes(self, version: ModelVersion, samples_per_s: float, limits: ModeLimits) -> None:
         """Learn the modes that `version` lacks from now on, see `ModeLearner`."""
 
     def learn(self, task: ModesTask) -> "Future[list[LearnedMode]]":
@@ -98,9 +98,10 @@ class LocalLearner:
         work = partial(retrain, task.share, task.pictures, task.points, task.number)
         return _submit(self._training, work)
 
-    def start_modes(self, version: ModelVersion, samples_per_s: float) -> None:
+    def start_modes(self, version: ModelVersion, samples_per_s: float, limits: ModeLimits) -> None:
         """See `Learner`."""
-        self._modes = _VersionModes(version, samples_per_s, self._hands)
+        learner = ModeLearner(version.person, samples_per_s, limits)
+        self._modes = _VersionModes(version, learner, self._hands)
 
     def learn(self, task: ModesTask) -> "Future[list[LearnedMode]]":
         """See `Learner`."""
@@ -125,9 +126,8 @@ def _submit(executor: Executor | None, work: Callable[[], Result]) -> "Future[Re
 class _VersionModes:
     """Learns the modes of one version."""
 
-    def __init__(self, version: ModelVersion, samples_per_s: float, hands: HandWatch) -> None:
-        self._version, self._hands = version, hands
-        self._learner = ModeLearner(version.person, samples_per_s)
+    def __init__(self, version: ModelVersion, learner: ModeLearner, hands: HandWatch) -> None:
+        self._version, self._learner, self._hands = version, learner, hands
 
     def learn(self, task: ModesTask) -> list[LearnedMode]:
         modes = self._learner.update(

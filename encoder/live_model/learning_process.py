@@ -12,7 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from encoder.capture.video_source import VideoFormat
 from encoder.coding.background import Background
 from encoder.coding.gop import GopStructure
-from encoder.learning.incremental_modes import LearnedMode
+from encoder.learning.incremental_modes import LearnedMode, ModeLimits
 from encoder.live_model import LEARNING_PROCESS
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
 from encoder.live_model.model_trainer import ModelTrainer
@@ -76,9 +76,9 @@ class LearningProcess:
         """See `Learner`."""
         return self._calls.call("train", task)
 
-    def start_modes(self, version: ModelVersion, samples_per_s: float) -> None:
+    def start_modes(self, version: ModelVersion, samples_per_s: float, limits: ModeLimits) -> None:
         """See `Learner`."""
-        self._calls.call("start_modes", version, samples_per_s)
+        self._calls.call("start_modes", version, samples_per_s, limits)
 
     def learn(self, task: ModesTask) -> "Future[list[LearnedMode]]":
         """See `Learner`."""

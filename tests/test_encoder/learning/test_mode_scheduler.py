@@ -9,7 +9,7 @@ import pytest
 
 from encoder.capture.face_crop import Crop
 from encoder.learning.face_sample import FaceSample
-from encoder.learning.incremental_modes import BYTES_PER_S, LearnedMode
+from encoder.learning.incremental_modes import USUAL_LIMITS, LearnedMode
 from encoder.learning.mode_scheduler import FramePlace, ModeScheduler
 
 FPS, MODE_BYTES = 30.0, 100
@@ -61,7 +61,8 @@ def test_one_mode_after_the_other_without_new_samples_until_there_is_none() -> N
     assert scheduler.take_modes(6, 4, may_start=True) == []
     assert scheduler.take_modes(30, 4, may_start=True) == []
     assert [(samples, modes) for samples, _, modes in jobs.asked] == [(2, 1), (0, 1)]
-    assert jobs.asked[1][1] == pytest.approx(BYTES_PER_S - MODE_BYTES + BYTES_PER_S / FPS)
+    each_s = USUAL_LIMITS.bytes_per_s
+    assert jobs.asked[1][1] == pytest.approx(each_s - MODE_BYTES + each_s / FPS)
 
 
 def test_a_mode_that_takes_the_last_slot_is_followed_by_none() -> None:

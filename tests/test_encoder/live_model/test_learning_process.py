@@ -19,6 +19,7 @@ from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import gop_for_fps
 from encoder.coding.model_packet import BUDGETS
 from encoder.learning.face_sample import FaceSample
+from encoder.learning.incremental_modes import USUAL_LIMITS
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
 from encoder.live_model.learning_process import SHARED, LearningProcess
 from encoder.live_model.model_trainer import ModelTrainer
@@ -51,7 +52,7 @@ def test_what_another_process_learns_is_what_this_one_learns(talking_clip: Path)
     try:
         for learner in (there, here):
             learner.begin(trainer)
-            learner.start_modes(version, 8.0)
+            learner.start_modes(version, 8.0, USUAL_LIMITS)
         far_update, far_modes = there.train(update), there.learn(modes)
         packet, learned = far_update.result(LIMIT_S).packet, far_modes.result(LIMIT_S)
         # Only now: training changes what the trainer knows of the person.
