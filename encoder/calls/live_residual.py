@@ -1,8 +1,10 @@
 """The picture residual of a live call: which packets get one, and how long they wait for it."""
 
+from collections import deque
 from collections.abc import Callable
+from concurrent import futures
 from concurrent.futures import Future
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from encoder.residual.call_drawing import ResidualTask
 from encoder.residual.residual_worker import ResidualWorker
@@ -12,6 +14,9 @@ from protocol.packets import FramePacket, Packet, serialise
 from protocol.picture_residual.framing import join_payload
 from shared_model.arrays import Picture
 from shared_model.errors import UserError
+
+# A packet waits so long for its residual, seconds.
+MAX_RESIDUAL_WAIT_S = 0.25
 
 
 class LiveResidual:
@@ -102,3 +107,48 @@ class LiveResidual:
 
 def _with_residual(packet: ModelPacket) -> ModelPacket:
     return replace(packet, call=replace(packet.call, has_residual=True))
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """What is sent once a residual is coded, or at a time of the clock.
+
+    coded: the residual; None: it need not wait.
+    """
+
+    send: Callable[[], object]
+    coded: "Future[bytes] | None"
+    until_s: float
+
+
+class SendQueue:
+    """Sends one thing after the other; frame packets wait for their residual.
+
+    clock: seconds from any origin.
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._waiting, self._clock = deque[_Waiting](), clock
+
+    def put(self, send: Callable[[], object], coded: "Future[bytes] | None" = None) -> None:
+        """Send after what waits, and once a residual is coded, if there is one to wait for."""
+        self._waiting.append(_Waiting(send, coded, self._clock() + MAX_RESIDUAL_WAIT_S))
+        self.send_due()
+
+    def send_due(self) -> None:
+        """Send what need not wait, or has waited for long enough."""
+        while self._waiting and self._left_s(self._waiting[0]) <= 0:
+            self._waiting.popleft().send()
+
+    def send_all(self) -> None:
+        """Send what waits, each once it is due."""
+        while self._waiting:
+            first = self._waiting[0]
+            if first.coded is not None:
+                futures.wait([first.coded], max(self._left_s(first), 0))
+            self._waiting.popleft().send()
+
+    def _left_s(self, waiting: _Waiting) -> float:
+        if waiting.coded is None or waiting.coded.done():
+            return 0.0
+        return waiting.until_s - self._clock()

@@ -2,14 +2,11 @@
 
 import logging
 import time
-from collections import deque
 from collections.abc import Callable
-from concurrent import futures
 from concurrent.futures import Future
-from dataclasses import dataclass
 from functools import partial
 
-from encoder.calls.live_residual import LiveResidual
+from encoder.calls.live_residual import LiveResidual, SendQueue
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.frame_times import FrameTimes
 from encoder.coding.pacer import LayerPacer
@@ -37,22 +34,6 @@ _log = logging.getLogger(__name__)
 LEAD_PACKETS, MAX_LEAD_PACKETS = REAL_TIME.lead_packets, SEQUENCE_MODULUS // 2 - 1
 
 
-# A packet waits so long for its residual, seconds.
-MAX_RESIDUAL_WAIT_S = 0.25
-
-
-@dataclass(frozen=True, slots=True)
-class _Waiting:
-    """What is sent once a residual is coded, or at a time of the clock.
-
-    coded: the residual; None: it need not wait.
-    """
-
-    send: Callable[[], object]
-    coded: "Future[bytes] | None" = None
-    until_s: float = 0.0
-
-
 class PacketSender:
     """Serialises, sends and counts packets.
 
@@ -74,7 +55,7 @@ class PacketSender:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._sink, self._stats, self._pacer, self._voice = sink, stats, pacer, voice
-        self._residual, self._waiting, self._clock = residual, deque[_Waiting](), clock
+        self._residual, self._queue = residual, SendQueue(clock)
         self._times, self._timed_frames = times, 0
         self._face_visible = self._camera_on = True
         self._person_gone = False
@@ -88,7 +69,7 @@ class PacketSender:
         """Send a model packet, whole or the base layer of one."""
         if self._residual is not None:
             packet = self._residual.model(packet)
-        self._in_turn(partial(self._send_model, packet))
+        self._queue.put(partial(self._send_model, packet))
 
     def _send_model(self, packet: ModelPacket) -> None:
         size = self._send_model_part(packet)
@@ -105,7 +86,7 @@ class PacketSender:
         """Send a layer packet at once."""
         if self._residual is not None:
             self._residual.see(packet)
-        self._in_turn(partial(self._send_model_part, packet))
+        self._queue.put(partial(self._send_model_part, packet))
 
     def add_source(self, index: int, picture: Picture) -> None:
         """See `LiveResidual`; of no effect where the call has no residual."""
@@ -131,31 +112,12 @@ class PacketSender:
             return
         with self._stats.stage("residual"):
             coded = self._residual.begin_packet(number, payload, covered, duration_s, has_time)
-        until_s = self._clock() + MAX_RESIDUAL_WAIT_S
         send = partial(self._send_with_residual, self._residual, number, payload, duration_s, coded)
-        self._waiting.append(_Waiting(send, coded, until_s))
-        self.send_waiting()
+        self._queue.put(send, coded)
 
-    def send_waiting(self, wait: bool = False) -> None:
-        """Send the packets whose residual is coded, or that have waited for long enough.
-
-        wait: until none is left.
-        """
-        while self._waiting:
-            first = self._waiting[0]
-            left_s = first.until_s - self._clock()
-            if first.coded is not None and not first.coded.done() and left_s > 0:
-                if not wait:
-                    break
-                futures.wait([first.coded], left_s)
-            self._waiting.popleft().send()
-
-    def _in_turn(self, send: Callable[[], object]) -> None:
-        """Send after the packets that wait."""
-        if self._waiting:
-            self._waiting.append(_Waiting(send))
-        else:
-            send()
+    def send_waiting(self) -> None:
+        """Send the packets that have waited for their residual for long enough."""
+        self._queue.send_due()
 
     def _send_with_residual(
         self,
@@ -196,7 +158,7 @@ class PacketSender:
             return False
         self._face_visible, self._person_gone = visible, False
         if visible and self._voice is not None:
-            self._in_turn(partial(self._voice.resume, frame))
+            self._queue.put(partial(self._voice.resume, frame))
         self._say(ControlKind.FACE_FOUND if visible else ControlKind.FACE_LOST, frame)
         return True
 
@@ -225,7 +187,7 @@ class PacketSender:
 
     def send_voice_alone(self, frame: int) -> None:
         """Send the voice that is due up to source frame `frame`, which shows no face."""
-        self._in_turn(partial(self._send_voice_alone, frame))
+        self._queue.put(partial(self._send_voice_alone, frame))
 
     def _send_voice_alone(self, frame: int) -> None:
         if self._voice is not None:
@@ -234,7 +196,7 @@ class PacketSender:
 
     def end(self, frames: int) -> None:
         """Close a call of `frames` source frames."""
-        self.send_waiting(wait=True)
+        self._queue.send_all()
         if self._residual is not None and (missed := self._residual.missed_message):
             self._stats.warn(missed)
         self._stats.frames = frames
@@ -269,7 +231,7 @@ class PacketSender:
         """Send a packet that says something of the frames."""
         if self._residual is not None:
             self._residual.see(packet)
-        self._in_turn(partial(self._send, packet))
+        self._queue.put(partial(self._send, packet))
 
     def _send(self, packet: Packet) -> None:
         with self._stats.stage("send"):

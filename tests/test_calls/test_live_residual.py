@@ -12,8 +12,8 @@ from call_contents import packets_of, raw_packets
 from disc_film import BITRATE, FRAMES, around_disc, decoded, disc_film, pictures, psnr
 
 from decoder.drawn_call import draw_call
-from encoder.calls.live_residual import LiveResidual
-from encoder.calls.packet_sender import MAX_RESIDUAL_WAIT_S, PacketSender
+from encoder.calls.live_residual import MAX_RESIDUAL_WAIT_S, LiveResidual
+from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
