@@ -34,7 +34,7 @@ class EncodeOptions:
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
     wait_for_peer_s: wait this long for a decoder before the first frame; 0: do not wait.
     look_for_face_s: warn if there is no face after this many seconds of video.
-    model_bytes: approximate size of the model packet; None: the profile's usual one.
+    model_bytes: approximate size of the model packet; None: as usual, see `budget_for`.
     draw: draws the call that is encoded, to code what its pictures lack (default profile, with bits
         to spare); None: that is not coded.
     voice: codec of the voice, one of `VOICES`; None: 1200 where the source has sound and the codec

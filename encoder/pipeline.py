@@ -166,7 +166,7 @@ def encode_live(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = No
     options, capture, callbacks, gop = run.options, run.capture, run.callbacks, run.gop
     waits_for_modes = not (options.two_way or options.low_delay)
     pacing = pacing_of(capture.is_live, options.pace, options.delay_s, waits_for_modes)
-    budget = budget_for("live", options.model_bytes)
+    budget = budget_for("live", options.model_bytes, options.bitrate)
     own_process = pacing.in_real_time
     with (
         closing(LearningProcess(run.stats.warn) if own_process else LocalLearner()) as learner,
@@ -352,7 +352,8 @@ def first_pass(run: EncodeRun) -> RecordedPass:
     if callbacks.stop():
         raise KeyboardInterrupt
     callbacks.on_preparing("training the model")
-    encoder.build_models(budget_for(options.profile, options.model_bytes))
+    budget = budget_for(options.profile, options.model_bytes, options.bitrate)
+    encoder.build_models(budget)
     callbacks.on_preparing("")
     return encoder
 

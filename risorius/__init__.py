@@ -76,7 +76,7 @@ def encode(
     profile: "default" or "thesis"; None: default where the landmark networks are installed.
     bitrate: bits a second of frame packets.  fps: code about so many frames a second; None: all.
     live: one pass, as for a camera.  These three are of the default profile.
-    model_bytes: approximate size of the model packet; None: the profile's usual one.
+    model_bytes: approximate size of the model packet; None: as usual, for the bitrate.
     voice: "off", "700C", "1200" or "opus"; None: 1200 where the source has sound and the codec is
         installed.
     max_frames: stop after so many frames.

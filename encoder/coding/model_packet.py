@@ -45,16 +45,26 @@ BUDGETS = {
     "live": ModelBudget(256, 8000, 2000, 24),
 }
 
+# Up to this rate a model has its usual bytes; beyond they grow by this power of it, so that bits
+# for the model and bits for the frames gain about as much in a call of some ten seconds.
+USUAL_UP_TO_BPS, USUAL_BYTES, GROWTH_POWER, MAX_USUAL_BYTES = 1200.0, 12_000, 2 / 3, 100_000
 # Bytes of a model packet besides its pictures: shape, call parameters, the transform's tables.
 GEOMETRY_AND_TABLE_BYTES = {"thesis": 400, "default": 600, "live": 600}
 
 
-def budget_for(profile: str, model_bytes: int | None) -> ModelBudget:
+def budget_for(
+    profile: str, model_bytes: int | None, bitrate: float = USUAL_UP_TO_BPS
+) -> ModelBudget:
     """The budget of a profile, or the same scaled to packets of about `model_bytes`.
 
     profile: "thesis", "default", or "live" for a live call in the default profile.
+    model_bytes: None: the usual ones, which grow with the rate of the default profile.
+    bitrate: of frame packets, bits a second.
     """
     standard = BUDGETS[profile]
+    if model_bytes is None and profile != "thesis" and bitrate > USUAL_UP_TO_BPS:
+        growth = (bitrate / USUAL_UP_TO_BPS) ** GROWTH_POWER
+        model_bytes = min(round(USUAL_BYTES * growth), MAX_USUAL_BYTES)
     if model_bytes is None:
         return standard
     scale = (model_bytes - GEOMETRY_AND_TABLE_BYTES[profile]) / (

@@ -16,6 +16,7 @@ from encoder.calls.recorded_session import send_call
 from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
+from encoder.coding.model_packet import ModelBudget, budget_for
 from encoder.options import EncodeOptions
 from encoder.pipeline import EncodeRun, encode, encode_recorded, first_and_second_pass
 from loopback.curves.points import Point
@@ -163,7 +164,7 @@ def own_points(
     rungs: Sequence[Rung], clip: ClipPictures, is_live: bool, stem: Path, warn: Warn
 ) -> Iterator[Point]:
     """Our calls of a clip, one rung after the other; each call file is left, see `call_path`."""
-    trained: dict[int | None, tuple[RecordedPass, EncodeRun]] = {}
+    trained: dict[ModelBudget, tuple[RecordedPass, EncodeRun]] = {}
     for rung in rungs:
         call = call_path(stem, rung, is_live)
         options = EncodeOptions(
@@ -179,9 +180,10 @@ def own_points(
         if is_live:
             stage_ms = encode(options, _ignore, _never).stages.stage_ms
         else:
-            if rung.model_bytes not in trained:
-                trained = {rung.model_bytes: _trained(options)}
-            encoder, run = trained[rung.model_bytes]
+            budget = budget_for(options.profile, rung.model_bytes, rung.bitrate)
+            if budget not in trained:
+                trained = {budget: _trained(options)}
+            encoder, run = trained[budget]
             with CallWriter(call) as sink:
                 parts = encode_recorded(encoder, replace(run, options=options))
                 send_call(parts, PacketSender(sink, run.stats), None, _never)

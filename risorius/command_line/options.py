@@ -67,7 +67,7 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         type=model_bytes,
         metavar="N",
         help="about as large the model packet shall be, 2000 to 100000 (default: 16000 thesis,"
-        " 12000 default)",
+        " 12000 default, more above 1200 bit/s: 31000 at 5000)",
     )
     _add_thesis_coding(parser)
     parser.add_argument(
@@ -294,7 +294,7 @@ def _add_rates(parser: argparse.ArgumentParser) -> None:
         metavar="BPS",
         help="default profile: bits a second of frame packets with their heads and their lengths in"
         " a call file, more than 0; from 1200 on a part is for what the model does not"
-        " show, with --model-bytes 30000 and more (default: %(default)g)",
+        " show, and the model grows (default: %(default)g)",
     )
     add(
         "--fps",

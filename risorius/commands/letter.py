@@ -51,7 +51,8 @@ def add_letter(added: "Commands") -> None:
         "--model-bytes",
         type=model_bytes,
         metavar="N",
-        help="of a video: about as large the model shall be (default: 12000)",
+        help="of a video: about as large the model shall be (default: 12000, more above 1200"
+        " bit/s)",
     )
     parser.add_argument(
         "--max-frames", type=count, metavar="N", help="of a video: stop after N frames"
