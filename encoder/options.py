@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from encoder.residual.draw_call import DrawCall
-from encoder.thesis.trackers import TrackingOptions
+from encoder.thesis.tracking_options import TrackingOptions
 from protocol.link.interface import LinkOptions
 
 

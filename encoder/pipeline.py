@@ -49,7 +49,8 @@ from encoder.sound.recorded_speech import chosen_voice, open_voice
 from encoder.sound.voice_packer import VoicePacker
 from encoder.thesis.texture_mode_session import TextureModeEncoder
 from encoder.thesis.thesis_session import ThesisEncoder
-from encoder.thesis.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, open_tracker
+from encoder.thesis.trackers import TRACKED_EAUS, FaceTracker, open_tracker
+from encoder.thesis.tracking_options import TrackingOptions
 from protocol.link.interface import MessageCallback, PacketSink, ignore_message
 from runtime.parallel import beside, one_blas_thread, short_switch_interval
 from shared_model.arrays import Array, Picture

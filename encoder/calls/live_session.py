@@ -256,7 +256,7 @@ class LiveEncoder:
         """Say if nobody is there in source frame `index`, which shows no face."""
         if self._is_before_call(index) or not self._packets.face_is_lost:
             return
-        self._absence.look(index, picture)
+        self._absence.take(index, picture)
         if index in self._absence.empty:
             self._packets.report_absence(index)
 
@@ -339,20 +339,21 @@ class LiveEncoder:
     @property
     def _most_frames(self) -> int:
         """How many frames wait when the packet is coded: its own, and those that it waits for."""
-        position, own = self._position, self._position.packet_frames(self._gop)
+        position = self._position
+        own = position.packet_frames(self._gop)
         has_next = not (position.is_first or self._model.switches_at(position.packet + 1))
-        return own + (self._held_frames if has_next else 0)
+        return own + (self._held_frames(position) if has_next else 0)
 
-    @property
-    def _held_frames(self) -> int:
+    def _held_frames(self, position: StreamPosition) -> int:
         """How many frames a packet is coded after its last one."""
-        age_s = (self._position.frame - self._first_index) / self._fps
+        age_s = (position.frame - self._first_index) / self._fps
         return int(self._pacing.packet_delay_s(age_s, self._first_frame_s) * self._coded_fps)
 
     def _place(self, index: int) -> FramePlace:
         """Where the newest frame, source frame `index`, is in its packet."""
-        step, to_last = self._gop.frame_step, self._position.frames_to_last(index, self._gop)
-        return FramePlace(to_last * step, (to_last + self._held_frames) * step)
+        step, position = self._gop.frame_step, self._position
+        to_last = position.frames_to_last(index, self._gop)
+        return FramePlace(to_last * step, (to_last + self._held_frames(position)) * step)
 
     @property
     def _is_packet_full(self) -> bool:

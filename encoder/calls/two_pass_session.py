@@ -133,7 +133,7 @@ class TwoPassEncoder:
     def miss(self, index: int, picture: Picture) -> None:
         """First pass: source frame `index` has no face."""
         self._frames = index + 1
-        self._absence.look(index, picture)
+        self._absence.take(index, picture)
 
     def build_model(self, budget: ModelBudget) -> None:
         """Between the passes: identity and appearance of the person."""

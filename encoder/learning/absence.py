@@ -35,7 +35,7 @@ class AbsenceWatch:
         """Some of the frames in which nobody is there."""
         return [picture for _, picture in self._kept.frames]
 
-    def look(self, index: int, picture: Picture) -> None:
+    def take(self, index: int, picture: Picture) -> None:
         """Take frame `index` (h, w, 3) uint8 BGR, which shows no face."""
         if self._path is None:
             return

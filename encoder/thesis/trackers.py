@@ -20,7 +20,7 @@ from encoder.thesis.detection_measurement import (
     LandmarkMeasurer,
 )
 from encoder.thesis.model_tracker import ModelTracker
-from encoder.thesis.tracking_options import TrackingOptions as TrackingOptions
+from encoder.thesis.tracking_options import TrackingOptions
 from protocol.frames.scalar_quantiser import sent_eaus
 from shared_model.arrays import Array, Picture
 from shared_model.geometry import interpolate

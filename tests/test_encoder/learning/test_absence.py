@@ -12,7 +12,7 @@ def test_a_wall_is_nobody_and_a_few_pictures_of_it_are_kept() -> None:
         pytest.skip("needs the segmentation network")
     watch, wall = AbsenceWatch(), np.full((60, 80, 3), 150, np.uint8)
     for index in range(10, 30):
-        watch.look(index, wall)
+        watch.take(index, wall)
     assert watch.empty == set(range(10, 30))
     assert KEPT_FRAMES <= len(watch.pictures) < 2 * KEPT_FRAMES
 
