@@ -314,10 +314,9 @@ class LiveEncoder:
         filled = self._filler.take(count)
         self._packets.report_face(filled.visible, filled.start_frame)
         with self._stats.stage("code"):
-            faces = self._model.coded_faces(filled.faces)
-            payload = self._coder.code(self._model.coding_version, faces)
+            version, faces = self._model.to_code(filled.faces)
+            payload = self._coder.code(version, faces)
         duration_s = len(filled.faces) * self._gop.frame_step / self._fps
-        version = self._model.coding_version
         own_number = number - version.first_packet
         covered = covered_frames(version.packet.call, own_number, len(filled.faces))
         has_time = not self._overload.level

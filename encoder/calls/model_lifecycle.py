@@ -95,9 +95,11 @@ class ModelLifecycle:
         """The version that frames are coded with: the caller's, or that of another face."""
         return self._shown.coding_version or self.version
 
-    def coded_faces(self, faces: Sequence[FaceParameters]) -> Sequence[FaceParameters]:
-        """What is coded of the caller's faces."""
-        return self._shown.faces(faces, self.version)
+    def to_code(
+        self, faces: Sequence[FaceParameters]
+    ) -> tuple[ModelVersion, Sequence[FaceParameters]]:
+        """What is coded of the caller's faces, and with which version."""
+        return self.coding_version, self._shown.faces(faces, self.version)
 
     @property
     def is_changing_person(self) -> bool:
