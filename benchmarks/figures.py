@@ -29,7 +29,7 @@ from loopback.report_page import chart, page, plotly_graphs
 from shared_model.errors import UserError
 
 MEASUREMENTS = Path(__file__).resolve().parent.parent / "docs" / "measurements.md"
-FRAMES, CURVE_FRAMES = 300, 150
+FRAMES, FEW_FRAMES = 300, 150
 # Options of each `risorius bench` of a set, by the folder of its report.
 SETS = {
     "recorded": {"recorded": ["--no-pace"]},
@@ -42,8 +42,16 @@ SETS = {
         "thesis-builtin": ["--profile", "thesis", "--aam", "builtin", "--no-pace"],
         "thesis-literal": ["--preset", "thesis-literal", "--no-pace"],
     },
+    "rungs": {
+        "5000": ["--bitrate", "5000", "--model-bytes", "60000", "--no-pace"],
+        "16000": ["--bitrate", "16000", "--model-bytes", "100000", "--no-pace"],
+        "live-5000": ["--live", "--bitrate", "5000", "--no-pace"],
+        "live-16000": ["--live", "--bitrate", "16000", "--no-pace"],
+    },
     "curves": {"curves": ["--against", "svtav1,x265,x264,vp9"]},
 }
+# Of these so many frames are measured, which take long.
+SHORT_SETS = ("rungs", "curves")
 # Columns of a table by the name of their figure, with digits.
 COLUMNS = {
     "face_psnr_db": ("face, dB", 1),
@@ -73,7 +81,7 @@ def marks(name: str) -> tuple[str, str]:
 
 def commands(name: str, clips: Sequence[str], out: Path) -> dict[Path, list[str]]:
     """The arguments of `risorius` that measure a set, by the folders that their reports go to."""
-    frames = ["--max-frames", str(CURVE_FRAMES if name == "curves" else FRAMES)]
+    frames = ["--max-frames", str(_frames(name))]
     return {
         out / folder: ["bench", *options, *clips, *frames, "--out", str(out / folder)]
         for folder, options in SETS[name].items()
@@ -157,9 +165,14 @@ def replaced(text: str, name: str, table: str) -> str:
     return before + begin + table + end + after
 
 
+def _frames(name: str) -> int:
+    """How many frames of each clip a set measures."""
+    return FEW_FRAMES if name in SHORT_SETS else FRAMES
+
+
 def _shown_commands(name: str) -> str:
     """What measures a set; which row is of which command, where there are several."""
-    frames = CURVE_FRAMES if name == "curves" else FRAMES
+    frames = _frames(name)
     lines = {
         folder: f"    risorius bench {' '.join(options)} CLIP... --max-frames {frames}"
         for folder, options in SETS[name].items()
