@@ -122,7 +122,8 @@ class PacketFiller:
     def fill_gap(self, index: int, limit: int, face: FaceParameters | None = None) -> None:
         """Add the coded frames before source frame `index` that the source has left out.
 
-        They lead from the newest face to `face`; None: they repeat it.
+        They lead from the newest face to `face`; None: they repeat it, as a frame without a face if
+        the one before is.
         limit: no more frames than these wait then.
         """
         if self._face is None:
@@ -131,7 +132,8 @@ class PacketFiller:
         before, after = self._face, self._face if face is None else face
         for number in range(1, min(missing, limit - len(self._pending)) + 1):
             between = interpolate(before, after, number / (missing + 1))
-            self._pending.append(_PendingFrame(between))
+            repeats = face is None and self._is_interrupted
+            self._pending.append(_PendingFrame(between, repeats=repeats))
 
     def add_without_face(self, index: int) -> None:
         """Note that source frame `index` shows no face; if it is coded, it repeats the newest one.

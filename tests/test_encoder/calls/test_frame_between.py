@@ -17,6 +17,7 @@ from encoder.calls.waiting_frames import FrameBetween, may_lack_landmarks
 from encoder.capture.video_source import open_source
 from encoder.detection.landmarks import LandmarkTracker
 from protocol.call_file import CallWriter
+from protocol.packets import ControlKind
 from shared_model.arrays import Array, Picture
 from shared_model.parameters import EAU_INDEX
 
@@ -113,3 +114,19 @@ def test_every_second_frame_is_fitted_without_landmarks(
     every = frames_of(talking_clip, tmp_path / "b.rzo")
     assert len(searched) == FRAMES
     assert np.corrcoef(jaws(alternating), jaws(every))[0, 1] > 0.97
+
+
+def test_a_face_that_is_gone_is_said_to_be(
+    talking_clip: Path, networks: Path, tmp_path: Path
+) -> None:
+    call, gone = tmp_path / "gone.rzo", range(12, 30)
+    stats = SessionStats()
+    with open_source(str(talking_clip)) as capture, CallWriter(call) as sink, without_layers():
+        session = live_encoder(capture, sink, stats, LIVE_MODEL_BYTES, realtime=True)
+        for index, picture in capture:
+            if index < FRAMES:
+                session.frame(index, np.full_like(picture, 90) if index in gone else picture)
+        session.end(FRAMES)
+    kinds = [kind for kind, _ in stats.events if kind is not ControlKind.PERSON_GONE]
+    assert kinds == [ControlKind.FACE_LOST, ControlKind.FACE_FOUND]
+    assert len(played(call)) == FRAMES
