@@ -167,7 +167,8 @@ def encode_live(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = No
     options, capture, callbacks, gop = run.options, run.capture, run.callbacks, run.gop
     waits_for_modes = not (options.two_way or options.low_delay)
     pacing = pacing_of(capture.is_live, options.pace, options.delay_s, waits_for_modes)
-    budget = budget_for("live", options.model_bytes, options.bitrate)
+    # In layers, over a thin link, a model does not grow with the rate.
+    budget = budget_for("live", options.model_bytes)
     own_process = pacing.in_real_time
     with (
         closing(LearningProcess(run.stats.warn) if own_process else LocalLearner()) as learner,
@@ -176,19 +177,23 @@ def encode_live(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = No
         if isinstance(learner, LearningProcess):
             callbacks.on_preparing("warming up")
             with dropping_frames(capture):
-                drawn = learner.warm_up(capture.format, gop)
-            if residual is not None:
-                residual.warm_up(*drawn)
+                model, face = learner.warm_up(capture.format, gop)
+                if residual is not None:
+                    residual.warm_up(model, face)
             callbacks.on_preparing("")
             _log.info("warmed up")
         # Whoever comes finds an encoder that is ready.
         trainers = CallTrainers(capture.format, gop, budget, pacing, learner.encode_background)
         early = _wait_for_peer_with_model(run, sink, trainers)
         pacer = _pacer(run, sink)
-        # What goes in layers has no residual.
-        added = residual if pacer is None else None
-        packets = run.packets(sink, pacer, voice, added)
-        bitrate = options.bitrate if added is None else faces_bitrate(options.bitrate)
+        if pacer is None:
+            budget = budget_for("live", options.model_bytes, options.bitrate)
+            trainers = replace(trainers, budget=budget)
+        elif residual is not None:
+            residual.close()
+            residual = None
+        packets = run.packets(sink, pacer, voice, residual)
+        bitrate = options.bitrate if residual is None else faces_bitrate(options.bitrate)
         settings = LiveSettings(bitrate, gop, options.look_for_face_s)
         shown = _shown_face(callbacks.other_face, capture, gop, budget)
         session = LiveEncoder(
@@ -212,11 +217,13 @@ def _live_residual(run: EncodeRun, in_real_time: bool) -> Iterator[LiveResidual 
     if options.draw is None or not may_have:
         yield None
         return
-    asked = options.draw, size, options.bitrate
-    with closing(
-        ResidualProcess(*asked, warn) if in_real_time else LocalResidual(*asked)
-    ) as worker:
-        yield LiveResidual(worker, warn)
+    worker = (
+        ResidualProcess(options.draw, size, options.bitrate, warn)
+        if in_real_time
+        else LocalResidual(options.draw, size, options.bitrate)
+    )
+    with closing(LiveResidual(worker, warn)) as residual:
+        yield residual
 
 
 def _wait_for_peer_with_model(

@@ -97,7 +97,8 @@ def _cpu_s() -> float:
 def _warn_of_unused_bits(options: EncodeOptions, stats: SessionStats, seconds: float) -> None:
     """Add a warning if the call is as fine as can be with much less than it was given."""
     taken = 8 * stats.sent.frame_bytes / seconds
-    if options.bitrate > USUAL_BITRATE and seconds >= 1 and taken < USED_SHARE * options.bitrate:
+    is_known = options.bitrate > USUAL_BITRATE and seconds >= 1 and not stats.missed_residuals
+    if is_known and taken < USED_SHARE * options.bitrate:
         stats.warn(
             f"--bitrate {options.bitrate:g} is more than this call can use: as fine as can be, it"
             f" takes {taken:.0f} bits a second"

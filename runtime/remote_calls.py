@@ -45,6 +45,8 @@ class RemoteCalls:
     def call(self, method: str, *arguments: object) -> "Future[Any]":
         """Call a method; if the process ends first, the result is never done."""
         future = Future[Any]()
+        if self._has_ended:
+            return future
         number = next(self._numbers)
         self._waiting[number] = future
         self._sender.submit(self._send, number, method, arguments)

@@ -1,12 +1,10 @@
-"""The picture residual of a live call: which packets get one, and how long they wait for it."""
+"""The picture residual of a live call: which of its packets get one."""
 
-from collections import deque
 from collections.abc import Callable
-from concurrent import futures
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
 
 from encoder.residual.call_drawing import ResidualTask
+from encoder.residual.residual_encoder import spent_bits, with_residual_stated
 from encoder.residual.residual_worker import ResidualWorker
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
@@ -15,46 +13,50 @@ from protocol.picture_residual.framing import join_payload
 from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
-# A packet waits so long for its residual, seconds.
-MAX_RESIDUAL_WAIT_S = 0.25
+# After so many packets in a row whose residual came too late, or not at all, only one in so many is
+# tried: a worker that is too slow would work for nothing.
+PATIENCE, RETRY_INTERVAL = 4, 16
 
 
 class LiveResidual:
-    """Has the residual of each frame packet coded before it is sent.
+    """Has the residual of frame packets coded before they are sent.
 
     worker: who codes; a packet whose turn comes while it still codes another one has no residual.
     warn: called with a line if the call cannot be drawn; from then on its packets have none.
+    missed: number of packets that have none for want of time.
     """
 
     def __init__(self, worker: ResidualWorker, warn: Callable[[str], None]) -> None:
         self._worker, self._warn = worker, warn
         self._sources = dict[int, Picture]()
         self._coded: Future[bytes] | None = None
-        self._has_failed = False
-        self._packets = self._missed = 0
+        self._has_failed, self._was_sent = False, True
+        self._packets = self._missed_in_a_row = 0
+        self.missed = 0
 
     def warm_up(self, model: ModelPacket, face: bytes) -> None:
         """Warm up the worker by a model and the payload of its first frame packet."""
-        packets = _with_residual(model), FramePacket(0, join_payload(b"", face))
+        packets = with_residual_stated(model), FramePacket(0, join_payload(b"", face))
         self._worker.warm_up([serialise(packet) for packet in packets])
 
     @property
     def missed_message(self) -> str | None:
         """The warning if packets had to go without a residual for want of time, else None."""
-        if not self._missed or self._has_failed:
+        if not self.missed or self._has_failed:
             return None
-        share = f"{self._missed} of {self._packets} packets"
+        share = f"{self.missed} of {self._packets} packets"
         return f"{share} have no picture residual: drawing the call took too long"
 
-    def see(self, packet: Packet) -> None:
-        """Take a packet without frames; packets are taken in the order in which they are sent."""
-        self._worker.see(serialise(packet))
-
-    def model(self, packet: ModelPacket) -> ModelPacket:
-        """Take a model packet in this order; returns it as it is to be sent."""
-        stated = _with_residual(packet)
-        self.see(stated)
+    def add_model(self, packet: ModelPacket) -> ModelPacket:
+        """Add a model packet as `add_packet`; returns it as it is to be sent."""
+        stated = with_residual_stated(packet)
+        self.add_packet(stated)
         return stated
+
+    def add_packet(self, packet: Packet) -> None:
+        """Draw with a packet, too; all are added in the order in which they are sent."""
+        if not self._has_failed:
+            self._worker.see(serialise(packet))
 
     def add_source(self, index: int, picture: Picture) -> None:
         """Add a source frame, (h, w, 3) BGR, that shows a face, before its packet is coded."""
@@ -66,89 +68,60 @@ class LiveResidual:
     ) -> "Future[bytes] | None":
         """Have the residual of frame packet `number` of the call coded.  None: it gets none.
 
-        face: the packet's faces.  covered: its source frames.  seconds: of the call.
+        face: the packet's faces.  covered: its source frames.
+        seconds: from its first frame to that of the next packet.
         has_time: whether there is time for it.
         """
-        packet = FramePacket(number % SEQUENCE_MODULUS, join_payload(b"", face))
-        self._worker.see(serialise(packet))
+        self.add_packet(FramePacket(number % SEQUENCE_MODULUS, join_payload(b"", face)))
         sources = {i: picture for i, picture in self._sources.items() if i in covered}
         self._sources = {i: each for i, each in self._sources.items() if i >= covered.stop}
         is_busy = self._coded is not None and not self._coded.done()
+        if not is_busy:
+            self._block_of(self._coded)
         if self._has_failed or not sources:
             return None
         self._packets += 1
-        if is_busy or not has_time:
-            self._missed += 1
+        if is_busy or not has_time or not self._is_tried:
+            self._note_missed()
             return None
-        # A header byte, and the length of the residual.
-        task = ResidualTask(covered, sources, seconds, 8 * (len(face) + 2))
-        self._coded = self._worker.block(task)
+        task = ResidualTask(covered, sources, seconds, spent_bits(face), self._was_sent)
+        self._coded, self._was_sent = self._worker.block(task), True
         return self._coded
 
     def payload(self, coded: "Future[bytes] | None", face: bytes) -> bytes:
-        """The payload of a frame packet, with the residual that is coded by now.
+        """The payload of a frame packet, with the residual if that is coded by now.
 
         coded: see `begin_packet`.
         """
-        block = b""
         if coded is not None and not coded.done():
-            self._missed += 1
-        elif coded is not None:
-            try:
-                block = coded.result()
-            except UserError as error:
-                self._has_failed = True
-                self._warn(f"without a picture residual: {error}")
-            except ChildProcessError:
-                # That has been told.
-                self._has_failed = True
-        return join_payload(block, face)
+            self._was_sent = False
+            self._note_missed()
+            return join_payload(b"", face)
+        if coded is not None:
+            self._missed_in_a_row = 0
+        return join_payload(self._block_of(coded), face)
 
+    @property
+    def _is_tried(self) -> bool:
+        """Whether the next packet's residual may come in time."""
+        return self._missed_in_a_row < PATIENCE or not self._missed_in_a_row % RETRY_INTERVAL
 
-def _with_residual(packet: ModelPacket) -> ModelPacket:
-    return replace(packet, call=replace(packet.call, has_residual=True))
+    def _note_missed(self) -> None:
+        self.missed, self._missed_in_a_row = self.missed + 1, self._missed_in_a_row + 1
 
+    def _block_of(self, coded: "Future[bytes] | None") -> bytes:
+        """What is coded, and done; nothing if that has failed, which is told once."""
+        if coded is None or self._has_failed:
+            return b""
+        try:
+            return coded.result()
+        except UserError as error:
+            self._warn(f"without a picture residual: {error}")
+        except ChildProcessError:
+            pass  # has been told when the process ended
+        self._has_failed = True
+        return b""
 
-@dataclass(frozen=True, slots=True)
-class _Waiting:
-    """What is sent once a residual is coded, or at a time of the clock.
-
-    coded: the residual; None: it need not wait.
-    """
-
-    send: Callable[[], object]
-    coded: "Future[bytes] | None"
-    until_s: float
-
-
-class SendQueue:
-    """Sends one thing after the other; frame packets wait for their residual.
-
-    clock: seconds from any origin.
-    """
-
-    def __init__(self, clock: Callable[[], float]) -> None:
-        self._waiting, self._clock = deque[_Waiting](), clock
-
-    def put(self, send: Callable[[], object], coded: "Future[bytes] | None" = None) -> None:
-        """Send after what waits, and once a residual is coded, if there is one to wait for."""
-        self._waiting.append(_Waiting(send, coded, self._clock() + MAX_RESIDUAL_WAIT_S))
-        self.send_due()
-
-    def send_due(self) -> None:
-        """Send what need not wait, or has waited for long enough."""
-        while self._waiting and self._left_s(self._waiting[0]) <= 0:
-            self._waiting.popleft().send()
-
-    def send_all(self) -> None:
-        """Send what waits, each once it is due."""
-        while self._waiting:
-            first = self._waiting[0]
-            if first.coded is not None:
-                futures.wait([first.coded], max(self._left_s(first), 0))
-            self._waiting.popleft().send()
-
-    def _left_s(self, waiting: _Waiting) -> float:
-        if waiting.coded is None or waiting.coded.done():
-            return 0.0
-        return waiting.until_s - self._clock()
+    def close(self) -> None:
+        """End the worker; closing twice has no further effect."""
+        self._worker.close()

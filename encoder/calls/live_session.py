@@ -187,8 +187,6 @@ class LiveEncoder:
         if frame.is_between:
             if self._is_coded(index):
                 self._between.wait(index, picture)
-            if self._has_model:
-                self._packets.add_source(index, picture)
             if self._has_model and not self._pacing.learns_ahead:
                 self._learn(index)
             self._refit_waiting()
@@ -290,6 +288,7 @@ class LiveEncoder:
         if between is None or before is None or not self._filler.is_coded(between.index):
             return
         version = self._model.version
+        self._packets.add_source(between.index, between.picture)
         sample = version.sample(between.picture, between.points, with_layers=False)
         with self._stats.stage("fit"):
             face = before if after is None else interpolate(before, after, between.share)
@@ -319,7 +318,7 @@ class LiveEncoder:
         duration_s = len(filled.faces) * self._gop.frame_step / self._fps
         own_number = number - version.first_packet
         covered = covered_frames(version.packet.call, own_number, len(filled.faces))
-        has_time = not self._overload.level
+        has_time = self._overload.level is WorkLevel.FULL
         self._packets.send_frames(number, payload, duration_s, covered, has_time)
         if self._model.on_packet_sent(self._position):
             self._filler.reset_coefficients(self._model.version.rest())

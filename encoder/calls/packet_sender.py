@@ -6,7 +6,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
 
-from encoder.calls.live_residual import LiveResidual, SendQueue
+from encoder.calls.live_residual import LiveResidual
+from encoder.calls.send_queue import SendQueue
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.frame_times import FrameTimes
 from encoder.coding.pacer import LayerPacer
@@ -68,7 +69,7 @@ class PacketSender:
     def send_model(self, packet: ModelPacket) -> None:
         """Send a model packet, whole or the base layer of one."""
         if self._residual is not None:
-            packet = self._residual.model(packet)
+            packet = self._residual.add_model(packet)
         self._queue.put(partial(self._send_model, packet))
 
     def _send_model(self, packet: ModelPacket) -> None:
@@ -83,9 +84,9 @@ class PacketSender:
             self._pacer.start(model)
 
     def send_layer(self, packet: LayerPacket) -> None:
-        """Send a layer packet at once."""
+        """Send a layer packet, which no pacer holds back."""
         if self._residual is not None:
-            self._residual.see(packet)
+            self._residual.add_packet(packet)
         self._queue.put(partial(self._send_model_part, packet))
 
     def add_source(self, index: int, picture: Picture) -> None:
@@ -107,29 +108,20 @@ class PacketSender:
         covered: the source frames of which it has the residual, if the call has one.
         has_time: whether there is time for a residual.
         """
-        if self._residual is None:
-            self._send_frames(number, payload, duration_s)
-            return
-        with self._stats.stage("residual"):
-            coded = self._residual.begin_packet(number, payload, covered, duration_s, has_time)
-        send = partial(self._send_with_residual, self._residual, number, payload, duration_s, coded)
-        self._queue.put(send, coded)
+        coded = None
+        if self._residual is not None:
+            with self._stats.stage("residual"):
+                coded = self._residual.begin_packet(number, payload, covered, duration_s, has_time)
+        self._queue.put(partial(self._send_frames, number, payload, duration_s, coded), coded)
 
     def send_waiting(self) -> None:
         """Send the packets that have waited for their residual for long enough."""
         self._queue.send_due()
 
-    def _send_with_residual(
-        self,
-        residual: LiveResidual,
-        number: int,
-        face: bytes,
-        duration_s: float,
-        coded: "Future[bytes] | None",
+    def _send_frames(
+        self, number: int, face: bytes, duration_s: float, coded: "Future[bytes] | None"
     ) -> None:
-        self._send_frames(number, residual.payload(coded, face), duration_s)
-
-    def _send_frames(self, number: int, payload: bytes, duration_s: float) -> None:
+        payload = face if self._residual is None else self._residual.payload(coded, face)
         self._stats.sent.frame_bytes += len(payload)
         _log.debug("frame packet %d is sent, %d bytes", number, len(payload))
         packet = FramePacket(number % SEQUENCE_MODULUS, payload)
@@ -150,7 +142,7 @@ class PacketSender:
             packet = self._times.packet(self._timed_frames)
             self._timed_frames += MAX_TIMED_FRAMES
             if packet is not None:
-                self._send_told(packet)
+                self._send_in_order(packet)
 
     def report_face(self, visible: bool, frame: int) -> bool:
         """Send FACE_LOST or FACE_FOUND for source frame `frame`, if that is news; whether it is."""
@@ -176,14 +168,14 @@ class PacketSender:
     def _say(self, kind: ControlKind, frame: int) -> None:
         _log.info("%s from source frame %d on", kind.name, frame)
         self._stats.events.append((kind, frame))
-        self._send_told(ControlPacket(0, kind, frame))
+        self._send_in_order(ControlPacket(0, kind, frame))
 
     def report_camera(self, on: bool, frame: int) -> None:
         """Send CAMERA_OFF or CAMERA_ON for source frame `frame`, if that is news."""
         if on != self._camera_on:
             self._camera_on = on
             kind = ControlKind.CAMERA_ON if on else ControlKind.CAMERA_OFF
-            self._send_told(ControlPacket(0, kind, frame))
+            self._send_in_order(ControlPacket(0, kind, frame))
 
     def send_voice_alone(self, frame: int) -> None:
         """Send the voice that is due up to source frame `frame`, which shows no face."""
@@ -198,6 +190,7 @@ class PacketSender:
         """Close a call of `frames` source frames."""
         self._queue.send_all()
         if self._residual is not None and (missed := self._residual.missed_message):
+            self._stats.missed_residuals = self._residual.missed
             self._stats.warn(missed)
         self._stats.frames = frames
         if self._voice is not None:
@@ -227,10 +220,10 @@ class PacketSender:
         if self._voice is not None:
             self._stats.speech.voice_bytes = self._voice.voice_bytes
 
-    def _send_told(self, packet: ControlPacket | TimesPacket) -> None:
-        """Send a packet that says something of the frames."""
+    def _send_in_order(self, packet: ControlPacket | TimesPacket) -> None:
+        """Send a packet that stands between two of frames."""
         if self._residual is not None:
-            self._residual.see(packet)
+            self._residual.add_packet(packet)
         self._queue.put(partial(self._send, packet))
 
     def _send(self, packet: Packet) -> None:

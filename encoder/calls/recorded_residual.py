@@ -14,7 +14,7 @@ from encoder.calls.session_stats import SessionStats
 from encoder.calls.two_pass_session import EncodedCall
 from encoder.coding.rate_control import packet_spans
 from encoder.residual.draw_call import DrawCall
-from encoder.residual.residual_encoder import ResidualEncoder
+from encoder.residual.residual_encoder import ResidualEncoder, spent_bits, with_residual_stated
 from protocol.call_file import CallStreamWriter
 from protocol.picture_residual.drawn_picture import DrawnPicture
 from protocol.picture_residual.framing import covered_frames, join_payload
@@ -42,10 +42,9 @@ def with_residual(
 
 def _with_blocks(part: EncodedCall, blocks: Iterable[bytes]) -> EncodedCall:
     """A part whose frame packets have these blocks."""
-    call = replace(part.model.call, has_residual=True)
     return replace(
         part,
-        model=replace(part.model, call=call),
+        model=with_residual_stated(part.model),
         payloads=tuple(map(join_payload, blocks, part.payloads)),
     )
 
@@ -101,4 +100,4 @@ def _blocks(part: EncodedCall, differences: _Differences, bitrate: float) -> Ite
         if len(found) < len(covered) or part.lost.issuperset(covered):
             yield b""
             continue
-        yield encoder.encode(found, areas, len(covered) / call.fps, 8 * (len(payload) + 2))
+        yield encoder.encode(found, areas, len(covered) / call.fps, spent_bits(payload))

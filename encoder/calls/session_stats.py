@@ -58,6 +58,7 @@ class SessionStats:
     timer: time of each stage.
     frame_ms: time that each source frame of a live call has taken once the call had begun, but for
         omitted ones; empty unless `keeps_times`.
+    missed_residuals: packets of a live call whose picture residual was not coded in time.
     level_frames: how many source frames of a live call there were at each level of work.
     omitted_frames: of these, how many were not looked at.
     worst_lag_s: the largest lag of a live call behind its source: how late a frame was taken from a
@@ -76,6 +77,7 @@ class SessionStats:
     next_index: int = 0
     timer: StageTimer = field(default_factory=StageTimer)
     frame_ms: list[float] = field(default_factory=list)
+    missed_residuals: int = 0
     level_frames: Counter[WorkLevel] = field(default_factory=Counter)
     omitted_frames: int = 0
     worst_lag_s: float = 0.0

@@ -47,7 +47,7 @@ BUDGETS = {
 
 # Up to this rate a model has its usual bytes; beyond they grow by this power of it, so that bits
 # for the model and bits for the frames gain about as much in a call of some ten seconds.
-USUAL_UP_TO_BPS, USUAL_BYTES, GROWTH_POWER, MAX_USUAL_BYTES = 1200.0, 12_000, 2 / 3, 100_000
+USUAL_UP_TO_BPS, GROWTH_POWER, MAX_GROWTH = 1200.0, 2 / 3, 8.0
 # Bytes of a model packet besides its pictures: shape, call parameters, the transform's tables.
 GEOMETRY_AND_TABLE_BYTES = {"thesis": 400, "default": 600, "live": 600}
 
@@ -62,14 +62,13 @@ def budget_for(
     bitrate: of frame packets, bits a second.
     """
     standard = BUDGETS[profile]
-    if model_bytes is None and profile != "thesis" and bitrate > USUAL_UP_TO_BPS:
-        growth = (bitrate / USUAL_UP_TO_BPS) ** GROWTH_POWER
-        model_bytes = min(round(USUAL_BYTES * growth), MAX_USUAL_BYTES)
-    if model_bytes is None:
+    if model_bytes is not None:
+        pictures = standard.appearance_bytes + standard.background_bytes
+        scale = (model_bytes - GEOMETRY_AND_TABLE_BYTES[profile]) / pictures
+    elif profile == "thesis" or bitrate <= USUAL_UP_TO_BPS:
         return standard
-    scale = (model_bytes - GEOMETRY_AND_TABLE_BYTES[profile]) / (
-        standard.appearance_bytes + standard.background_bytes
-    )
+    else:
+        scale = min((bitrate / USUAL_UP_TO_BPS) ** GROWTH_POWER, MAX_GROWTH)
     return replace(
         standard,
         appearance_bytes=int(standard.appearance_bytes * scale),

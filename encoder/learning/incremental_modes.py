@@ -33,6 +33,8 @@ HALF_LIFE_S = 1.0
 # Bytes of modes grow by this power of those of models, and steps fall by so many each time they
 # have doubled.
 SCALING, STEPS_PER_DOUBLING = 1.25, 6.0
+# A layer packet holds one.
+LARGEST_MODE_BYTES = 12_000.0
 # A mode is encoded if a pretest, without entropy coding, predicts at least this part of the share
 # of the residual energy that it must explain.
 PRETEST_FACTOR = 0.5
@@ -57,18 +59,18 @@ class ModeLimits:
     step: float = 28.0
     least_share: float = 0.04
 
-    def scaled(self, budget: float) -> "ModeLimits":
-        """The limits where models may have `budget` times the usual bytes; less is no limit.
+    def scaled(self, growth: float) -> "ModeLimits":
+        """The limits where models may have `growth` times the usual bytes; at most 1: these.
 
         Of three times as many bytes modes take four times as many, with a third of the step.
         """
-        if budget <= 1:
+        if growth <= 1:
             return self
-        octaves = SCALING * np.log2(budget)
+        octaves = SCALING * np.log2(growth)
         factor = float(np.exp2(octaves))
         return ModeLimits(
             factor * self.bytes_per_s,
-            factor * self.mode_bytes,
+            min(factor * self.mode_bytes, LARGEST_MODE_BYTES),
             self.step - STEPS_PER_DOUBLING * float(octaves),
             self.least_share / factor,
         )

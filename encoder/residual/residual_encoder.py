@@ -1,10 +1,12 @@
 """Codes the picture residual of a call, packet by packet, in the bits that the faces leave."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
+from encoder.coding.model_packet import USUAL_UP_TO_BPS
 from encoder.coding.rate_control import RESERVOIR_S
 from encoder.picture_coding.quantiser_search import finest_quantiser_within
 from encoder.picture_coding.symbol_writing import DecisionRecorder, Decisions, range_coded
@@ -13,6 +15,7 @@ from encoder.residual.quantiser import quantise_tiles
 from protocol.entropy.integer_codes import code_bits
 from protocol.entropy.varint import encode_varint
 from protocol.limits import MAX_FRAME_PAYLOAD_BYTES
+from protocol.model_packet import ModelPacket
 from protocol.picture_residual.residual_block import (
     STEP_BITS,
     ResidualTiles,
@@ -29,7 +32,7 @@ from protocol.picture_residual.tile_coding import (
 from shared_model.arrays import Mask, Single
 
 # Below this rate all bits are the faces'; above it they have so much, and this share of the rest.
-FACES_ALONE_BPS, FACES_SHARE = 1200.0, 0.5
+FACES_ALONE_BPS, FACES_SHARE = USUAL_UP_TO_BPS, 0.5
 # A packet may take what it earns and this share of what those before have left.
 SAVED_SHARE = 0.3
 # A tile is fine if this share of it is face.  Around the face, differences are continued into it by
@@ -54,6 +57,16 @@ def has_residual(bitrate: float, size: tuple[int, int], packet_frames: int) -> b
     return bitrate > FACES_ALONE_BPS and fits_limits(*size, packet_frames)
 
 
+def spent_bits(face: bytes) -> int:
+    """The bits of a packet without its residual: its faces, and two bytes of its record."""
+    return 8 * (len(face) + 2)
+
+
+def with_residual_stated(packet: ModelPacket) -> ModelPacket:
+    """The model packet of a call whose frame packets have residuals."""
+    return replace(packet, call=replace(packet.call, has_residual=True))
+
+
 class ResidualEncoder:
     """Codes groups of pictures of (width, height) at the rate of a call.
 
@@ -62,7 +75,7 @@ class ResidualEncoder:
 
     def __init__(self, bitrate: float, width: int, height: int) -> None:
         self._bitrate, self._size = bitrate, (width, height)
-        self._saved = 0.0
+        self._saved, self._newest_bits = 0.0, 0
         self._code = INITIAL
 
     def encode(
@@ -82,6 +95,7 @@ class ResidualEncoder:
         self._saved = min(self._saved + earned, self._bitrate * RESERVOIR_S)
         limit = min(max(earned, 0.0) + SAVED_SHARE * self._saved, self._saved)
         limit = min(limit, 8 * (MAX_FRAME_PAYLOAD_BYTES // 2))
+        self._newest_bits = 0
         if limit < 8:
             return b""
         is_fine = _tiles_within(np.mean(face_areas, axis=0), *self._size)
@@ -100,8 +114,13 @@ class ResidualEncoder:
         )
         if _bits_of(data) > limit:
             data = b""
-        self._saved -= _bits_of(data)
+        self._newest_bits = _bits_of(data)
+        self._saved -= self._newest_bits
         return data
+
+    def take_back(self) -> None:
+        """What was encoded last has not been sent."""
+        self._saved, self._newest_bits = self._saved + self._newest_bits, 0
 
     def _put_face(self, values: Single, differences: Sequence[Single], is_fine: Mask) -> None:
         """Write the values of the tiles `is_fine`, of what is not continued into the face."""

@@ -20,13 +20,18 @@ class ResidualWorker(Protocol):
     """Does what it is asked in this order; what it returns may be done later."""
 
     def warm_up(self, packets: Sequence[bytes]) -> None:
-        """Draw a call of one frame, so that what is loaded when it is used first is there."""
+        """Draw a call of one frame, so that the first packet does not wait for libraries, compiled
+        loops and a GL context.
+        """
 
     def see(self, packet: bytes) -> None:
         """See `CallDrawing`."""
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
-        """See `CallDrawing`."""
+        """The residual of the packet that was seen last, empty if it has none.
+
+        Its result is a `UserError` if the call cannot be drawn.
+        """
 
     def close(self) -> None:
         """End it."""
@@ -36,14 +41,16 @@ class LocalResidual:
     """A `ResidualWorker` in this process, see `CallDrawing`: what it returns is done."""
 
     def __init__(self, draw: DrawCall, size: tuple[int, int], bitrate: float) -> None:
-        self._asked = draw, size, bitrate
-        self._drawing = CallDrawing(*self._asked)
+        self._draw, self._size, self._bitrate = draw, size, bitrate
+        self._drawing = CallDrawing(draw, size, bitrate)
 
     def warm_up(self, packets: Sequence[bytes]) -> None:
         """See `ResidualWorker`."""
-        width, height = self._asked[1]
+        width, height = self._size
         grey = np.full((height, width, 3), 128, np.uint8)
-        with closing(CallDrawing(*self._asked)) as drawing, suppress(UserError):
+        drawing = CallDrawing(self._draw, self._size, self._bitrate)
+        # Whether a call can be drawn is told when it is.
+        with closing(drawing), suppress(UserError):
             for packet in packets:
                 drawing.see(packet)
             drawing.block(ResidualTask(range(1), {0: grey}, 1.0, 0.0))
@@ -83,7 +90,7 @@ class ResidualProcess:
             on_failure(f"{reason}: from here on without a picture residual")
 
         self._calls = RemoteCalls(__name__, fail)
-        self._calls.call("begin", draw, size, bitrate)
+        self._begun = self._calls.call_awaited("begin", draw, size, bitrate)
 
     @property
     def pid(self) -> int:
@@ -91,15 +98,17 @@ class ResidualProcess:
         return self._calls.pid
 
     def warm_up(self, packets: Sequence[bytes]) -> None:
-        """See `ResidualWorker`."""
-        self._calls.call("warm_up", packets)
+        """See `ResidualWorker`; waits for it."""
+        with suppress(ChildProcessError):
+            self._begun.result()
+            self._calls.call_awaited("warm_up", packets).result()
 
     def see(self, packet: bytes) -> None:
         """See `CallDrawing`."""
         self._calls.call("see", packet)
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
-        """See `CallDrawing`; a `ChildProcessError` if the process is gone."""
+        """See `ResidualWorker`; a `ChildProcessError` if the process is gone."""
         return self._calls.call_awaited("block", task)
 
     def close(self) -> None:

@@ -12,12 +12,13 @@ from call_contents import packets_of, raw_packets
 from disc_film import BITRATE, FRAMES, around_disc, decoded, disc_film, pictures, psnr
 
 from decoder.drawn_call import draw_call
-from encoder.calls.live_residual import MAX_RESIDUAL_WAIT_S, LiveResidual
+from encoder.calls.live_residual import PATIENCE, RETRY_INTERVAL, LiveResidual
 from encoder.calls.packet_sender import PacketSender
+from encoder.calls.send_queue import MAX_WAIT_S
 from encoder.calls.session_stats import SessionStats
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
-from encoder.residual.call_drawing import ResidualTask
+from encoder.residual.call_drawing import CallDrawing, ResidualTask
 from encoder.residual.draw_call import DrawCall
 from encoder.residual.residual_worker import LocalResidual, ResidualProcess
 from protocol.call_file import CallWriter
@@ -98,7 +99,8 @@ def test_a_process_of_its_own_codes_the_same(film: Path, call: Path) -> None:
     )
     blocks = []
     for worker in workers:
-        worker.warm_up([serialise(model)])
+        first = FramePacket(0, join_payload(b"", faces[0]))
+        worker.warm_up([serialise(model), serialise(first)])
         worker.see(serialise(model))
         coded = list[Future[bytes]]()
         for number, face in enumerate(faces[:2]):
@@ -127,7 +129,7 @@ class SlowWorker:
     """Codes a packet when it is told to."""
 
     def __init__(self) -> None:
-        self.coded = list[Future[bytes]]()
+        self.coded, self.tasks = list[Future[bytes]](), list[ResidualTask]()
 
     def warm_up(self, packets: Sequence[bytes]) -> None:
         pass
@@ -136,6 +138,7 @@ class SlowWorker:
         pass
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
+        self.tasks.append(task)
         self.coded.append(Future())
         return self.coded[-1]
 
@@ -163,10 +166,10 @@ def test_packets_wait_in_order_and_not_for_long(tmp_path: Path) -> None:
         assert stats.sent.packets == 3
         send(2)
         send(3, has_time=False)
-        now_s[0] += 0.9 * MAX_RESIDUAL_WAIT_S
+        now_s[0] += 0.9 * MAX_WAIT_S
         sender.send_waiting()
         assert stats.sent.packets == 3
-        now_s[0] += 0.2 * MAX_RESIDUAL_WAIT_S
+        now_s[0] += 0.2 * MAX_WAIT_S
         sender.send_waiting()
         assert stats.sent.packets == 5
         sender.end(4)
@@ -178,3 +181,36 @@ def test_packets_wait_in_order_and_not_for_long(tmp_path: Path) -> None:
     assert kinds == [ControlKind.FACE_LOST, ControlKind.END]
     assert isinstance(sent[1], ControlPacket)
     assert any("3 of 4 packets have no picture residual" in warning for warning in stats.warnings)
+
+
+def test_a_worker_that_is_too_slow_is_asked_less_often() -> None:
+    worker = SlowWorker()
+    residual = LiveResidual(worker, lambda _: None)
+    picture = np.zeros((48, 64, 3), np.uint8)
+    for number in range(2 * RETRY_INTERVAL + 1):
+        residual.add_source(number, picture)
+        covered = range(number, number + 1)
+        coded = residual.begin_packet(number, b"face", covered, 0.3, has_time=True)
+        residual.payload(coded, b"face")
+        if coded is not None:
+            coded.set_result(b"late")
+    assert len(worker.tasks) == PATIENCE + 2
+    # What came too late was not paid for.
+    assert [task.was_sent for task in worker.tasks] == [True] + [False] * (PATIENCE + 1)
+
+
+def test_a_frame_without_a_source_differs_as_the_nearest_does(film: Path, call: Path) -> None:
+    model, faces = faces_of(call)
+    source, blocks = pictures(film), list[bytes]()
+    for known in (range(8), range(0, 8, 2)):
+        drawing = CallDrawing(draw_call, (model.call.width, model.call.height), 40_000)
+        drawing.see(serialise(model))
+        for number, face in enumerate(faces[:2]):
+            drawing.see(serialise(FramePacket(number, join_payload(b"", face))))
+            covered = covered_frames(model.call, number, 8 if number else 1)
+            sources = {covered[i]: source[covered[i]] for i in known if i < len(covered)}
+            block = drawing.block(ResidualTask(covered, sources, 0.32, 800))
+        blocks.append(block)
+        drawing.close()
+    sizes = [len(block) for block in blocks]
+    assert 0 < sizes[1] < 1.1 * sizes[0]
