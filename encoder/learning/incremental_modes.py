@@ -54,10 +54,10 @@ class ModeLimits:
     least_share: of the residual energy, that a mode must explain.
     """
 
-    bytes_per_s: float = 1200.0
-    mode_bytes: float = 500.0
-    step: float = 28.0
-    least_share: float = 0.04
+    bytes_per_s: float = 2000.0
+    mode_bytes: float = 800.0
+    step: float = 24.0
+    least_share: float = 0.025
 
     def scaled(self, growth: float) -> "ModeLimits":
         """The limits where models may have `growth` times the usual bytes; at most 1: these.
