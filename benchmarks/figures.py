@@ -46,7 +46,6 @@ SETS = {
         "5000": ["--bitrate", "5000", "--model-bytes", "60000", "--no-pace"],
         "16000": ["--bitrate", "16000", "--model-bytes", "100000", "--no-pace"],
         "live-5000": ["--live", "--bitrate", "5000", "--no-pace"],
-        "live-16000": ["--live", "--bitrate", "16000", "--no-pace"],
     },
     "curves": {"curves": ["--against", "svtav1,x265,x264,vp9"]},
 }
@@ -71,7 +70,7 @@ COLUMNS = {
     "frame_bps": ("frames, bit/s", 0),
 }
 PACED_COLUMN = {"overloaded_frames": ("in haste", 0)}
-DURATIONS_S = (10.0, 60.0, 0.0)
+DURATIONS_S = (10.0, 60.0)
 
 
 def marks(name: str) -> tuple[str, str]:
@@ -137,8 +136,7 @@ def _curves_markdown(report: Mapping[str, Any]) -> str:
     text += _table([*header, "face, dB", "SSIMULACRA2 face", "picture, dB", "of picture"], rows)
     duels = [Duel(**each) for each in report["duels"]]
     for duration in DURATIONS_S:
-        length = f"a call of {duration:g} s" if duration else "what follows the start"
-        text += f"\nAgainst our `{report['rung']}`, {length}:"
+        text += f"\nAgainst our `{report['rung']}`, a call of {duration:g} s:"
         text += " needs, overtakes at, kbit/s; BD-rate, %\n\n"
         text += _duel_table(duels, duration)
     return text
