@@ -15,8 +15,9 @@ from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 warmed_up, warm_up = [], learning_process.warm_up
 def warm_up_and_count(*arguments):
-    warm_up(*arguments)
+    drawn = warm_up(*arguments)
     warmed_up.append(versions())
+    return drawn
 learning_process.warm_up = warm_up_and_count
 options = EncodeOptions(str(source), output, live=True, pace=True, max_frames={frames})
 encode(options, lambda done, total: None, lambda: False)
