@@ -1,14 +1,14 @@
 """Bits, PSNR and latency of calls on this host."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from encoder.capture.video_source import is_pipe, open_source
-from encoder.option_rules import option_typed
+from encoder.option_rules import DEFAULT_OPTIONS, THESIS_OPTIONS, Options, option_typed
 from loopback.call_figures import call_figures, is_call_figure
 from loopback.figures import FIGURES
 from loopback.judge.comparison import Comparison, compare, observe_source
@@ -25,49 +25,41 @@ TABLE_COLUMNS = {each.name: each.column for each in FIGURES if each.column}
 AVERAGED_FIGURES = tuple(each.name for each in FIGURES if each.is_averaged)
 # Of report.json: raised where a figure changes its name or meaning.
 SCHEMA = "risorius-bench/1"
-# Settings that are no options of the encoder, or are always given.
-OF_THE_BENCH = ("profile", "busy", "cores")
+# Options of the encoder that a bench may be given, by name, and their defaults.
+ENCODER_OPTIONS: Options = {
+    **{"preset": None, "profile": "default", "max_frames": None, "pace": True, "model_bytes": None},
+    **{name: value for name, value in THESIS_OPTIONS.items() if name != "without"},
+    **DEFAULT_OPTIONS,
+}
 
 
 @dataclass(frozen=True, slots=True)
 class BenchSettings:
-    """How clips are encoded; pace: at their own rate, as latency needs it.
+    """How clips are encoded.
 
+    given: some of `ENCODER_OPTIONS`, as `checked_options` returns them; the others have their
+        defaults.  pace: at the clips' own rate, as latency needs it.
     busy: so many busy loops run beside.  cores: that all of it runs on, as in "0,1"; None: all.
     """
 
-    profile: str = "default"
-    preset: str | None = None
-    bitrate: float = 800.0
-    fps: float | None = None
-    detector: str = "network"
-    aam: str | None = None
-    aam_every_frame: bool = False
-    aam_feedback: bool = False
-    nose_cascade: str | None = None
-    max_frames: int | None = None
-    pace: bool = True
-    model_bytes: int | None = None
-    live: bool = False
-    delay: float = 0.0
-    startup_bitrate: float | None = None
-    lids: bool = False
-    texture_modes: int = 0
-    projection: str = "perspective"
-    free_focal: bool = False
-    refine: bool = True
+    given: Options
     busy: int = 0
     cores: str | None = None
 
-    def encoder_options(self) -> list[str]:
-        """The settings as options of the encoder's command line; each has its option's name."""
-        options = ["--lossless", "--voice", "off", "--profile", self.profile]
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if value != item.default and item.name not in OF_THE_BENCH:
-                options.append(option_typed(item.name, value))
-                options += [] if isinstance(value, bool) else [str(value)]
-        return options
+    @property
+    def encoder(self) -> dict[str, Any]:
+        """The encoder's options by name."""
+        return {name: self.given.get(name, value) for name, value in ENCODER_OPTIONS.items()}
+
+    def command_line(self) -> list[str]:
+        """The same as the command line of the encoder's process, which is what users run."""
+        options = self.encoder
+        line = ["--lossless", "--voice", "off", "--profile", options.pop("profile")]
+        for name, value in options.items():
+            if value != ENCODER_OPTIONS[name]:
+                line.append(option_typed(name, value))
+                line += [] if isinstance(value, bool) else [str(value)]
+        return line
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +96,8 @@ def bench_report(
     """What report.json says: `clips`, the figures of each, `failed` and `mean` over the clips."""
     failed = [{"source": item.source, "error": str(item.error)} for item in failures]
     mean = mean_figures(clips)
-    content = {"settings": asdict(settings), "clips": clips, "failed": failed, "mean": mean}
+    used = {**settings.encoder, "busy": settings.busy, "cores": settings.cores}
+    content = {"settings": used, "clips": clips, "failed": failed, "mean": mean}
     return {"schema": SCHEMA, **content}
 
 
@@ -120,15 +113,16 @@ def bench_clip(
     say: called with a line for what cannot be measured here.
     """
     check_recorded([source])
+    options = settings.encoder
     with open_source(source) as capture:
-        frames = min(capture.frame_count or 10_000, settings.max_frames or 10_000)
+        frames = min(capture.frame_count or 10_000, options["max_frames"] or 10_000)
     make_folder(output.parent)
     limit_s = LIMIT_START_S + LIMIT_S_PER_FRAME * frames
     with pinned(settings.cores), busy_loops(settings.busy):
-        result = run_call(source, output, settings.encoder_options(), limit_s)
-    view = observe_source(source, observer, settings.max_frames)
+        result = run_call(source, output, settings.command_line(), limit_s)
+    view = observe_source(source, observer, options["max_frames"])
     compared = compare(view, str(output), observer, lambda done, total: None, say)
-    figures = call_figures(result, settings.profile)
+    figures = call_figures(result, options["profile"])
     return {"source": Path(source).name, **figures, **compared.figures()}
 
 

@@ -3,12 +3,12 @@
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from encoder.option_rules import check_values, checked_options
-from loopback.bench import BenchSettings, check_recorded, is_figure
+from loopback.bench import ENCODER_OPTIONS, BenchSettings, check_recorded, is_figure
 from loopback.clip_paths import clip_path
 from loopback.replay.checks import EVENTS, TOLERANCES, ExpectedEvent
 from loopback.report import flatten
@@ -20,6 +20,8 @@ CLIP_KEYS = {
     *("tolerance", "event", "original"),
 }
 CALL_FILE = ".rzo"
+# Settings that are no options of the encoder, and their defaults.
+OF_THE_BENCH = {"busy": 0, "cores": None}
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,23 +172,23 @@ def _event(entry: Any, place: str) -> ExpectedEvent:
 
 
 def _settings(content: Mapping[str, Any], place: str) -> BenchSettings:
-    known = {item.name for item in fields(BenchSettings)}
-    if unknown := set(content) - known:
+    known = {**ENCODER_OPTIONS, **OF_THE_BENCH}
+    if unknown := set(content) - set(known):
         raise UserError(
             f"{place}: unknown settings {' '.join(sorted(unknown))}, of {sorted(known)}"
         )
-    for item in fields(BenchSettings):
-        is_switch = isinstance(item.default, bool)
-        if item.name in content and isinstance(content[item.name], bool) != is_switch:
+    for name, value in content.items():
+        is_switch = isinstance(known[name], bool)
+        if isinstance(value, bool) != is_switch:
             kind = "true or false" if is_switch else "neither true nor false"
-            raise UserError(f"{place}: expected {kind} for {item.name}")
-    settings = BenchSettings(**content)
+            raise UserError(f"{place}: expected {kind} for {name}")
+    of_bench = {name: value for name, value in content.items() if name in OF_THE_BENCH}
     try:
         check_values(content)
-        checked_options(asdict(settings), _as_setting)
+        given = checked_options({**ENCODER_OPTIONS, **content}, _as_setting)
     except (ValueError, UserError) as error:
         raise UserError(f"{place}: {error}") from error
-    return settings
+    return BenchSettings(given, **of_bench)
 
 
 def _as_setting(name: str, value: object) -> str:

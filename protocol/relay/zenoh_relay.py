@@ -1,7 +1,7 @@
 """A relay: Zenoh's router, bounded in what peers can make it hold."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Self
@@ -9,7 +9,7 @@ from typing import Any, Self
 import zenoh
 from zenoh import CongestionControl
 
-from protocol.endpoint import Endpoint, parse_endpoint, parse_remote_endpoint
+from protocol.endpoint import CERTIFIED_SCHEMES, Endpoint, parse_endpoint, parse_remote_endpoint
 from protocol.errors import ProtocolError
 from protocol.limits import CALL_NAME, RELAY_PEERS
 from protocol.link.endpoints import check_listening, why_not_reached
@@ -49,6 +49,7 @@ class RelayOptions:
     max_peers: connections at a time.
     keys: what the relay shows, for mutual TLS; None: without.
     peers: who was invited, with `keys`; None: everybody may do everything.
+    Raises `UserError` if somebody without a certificate could connect although there are keys.
     """
 
     listen: tuple[str, ...]
@@ -56,6 +57,17 @@ class RelayOptions:
     max_peers: int = RELAY_PEERS
     keys: KeyFile | None = None
     peers: tuple[InvitedPeer, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.keys is not None:
+            check_certified(self.listen + self.connect)
+
+
+def check_certified(endpoints: Sequence[str]) -> None:
+    """Raise `UserError` if somebody without a certificate could connect there."""
+    for text in endpoints:
+        if parse_endpoint(text).scheme not in CERTIFIED_SCHEMES:
+            raise UserError(f"endpoint {text!r}: with keys use tls/HOST:PORT or quic/HOST:PORT")
 
 
 class Relay:

@@ -1,7 +1,6 @@
 """`risorius bench` and `risorius replay`: recorded videos, measured."""
 
 import argparse
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -190,7 +189,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
         return run_tracks(arguments)
     if arguments.sweep or arguments.against:
         return run_curves(arguments)
-    profile = checked_options(vars(arguments), as_typed)["profile"]
+    options = checked_options(vars(arguments), as_typed)
     from loopback.bench import (
         BenchSettings,
         ClipFailure,
@@ -202,9 +201,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     from loopback.report import write_json, write_report
     from loopback.timing_tables import timings_tables
 
-    # A setting has the name of its option.
-    given = {item.name: getattr(arguments, item.name) for item in fields(BenchSettings)}
-    settings = BenchSettings(**{**given, "profile": profile})
+    settings = BenchSettings(options, arguments.busy, arguments.cores)
     folder, clips = arguments.out or Path("out/bench"), list[dict[str, Any]]()
     failures = list[ClipFailure]()
     check_output_folder(folder)

@@ -3,10 +3,11 @@
 import argparse
 import time
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from protocol.endpoint import CERTIFIED_SCHEMES, parse_endpoint, parse_remote_endpoint
+from protocol.endpoint import parse_remote_endpoint
 from protocol.limits import RELAY_PEERS
 from risorius.command_line.argument_types import peers, port
 from risorius.command_line.parser import add_command
@@ -15,6 +16,7 @@ from risorius.command_line.signals import StopOnSignal
 from shared_model.errors import UserError
 
 if TYPE_CHECKING:
+    from protocol.relay.zenoh_relay import RelayOptions
     from risorius.command_line.parser import Commands
 
 NAP_S = 0.2
@@ -70,60 +72,50 @@ def add_relay(added: "Commands") -> None:
 
 def run_relay(arguments: argparse.Namespace) -> int:
     """`risorius relay`: being stopped is its normal end."""
-    listen, connect = tuple(arguments.listen), tuple(arguments.connect or ())
-    if arguments.keys:
-        _check_endpoints(listen + connect)
+    from protocol.relay.zenoh_relay import RelayOptions, check_certified
+
     folder: Path | None = arguments.keys
     watch: int | None = arguments.watch
     if folder is not None and watch is not None:
         raise UserError("--watch does not go with --keys: who watches has no certificate")
+    listen, connect = tuple(arguments.listen), tuple(arguments.connect or ())
+    options = RelayOptions(listen, connect, arguments.max_peers)
+    if folder is not None:
+        check_certified(listen + connect)
     with StopOnSignal(), suppress(KeyboardInterrupt):
         news = "listening on " + " ".join(listen)
         while True:
-            _relay(listen, connect, folder, arguments.max_peers, watch, news)
+            _relay(options, folder, watch, news)
             news = "the keys have changed"
     return 0
 
 
-def _relay(
-    listen: tuple[str, ...],
-    connect: tuple[str, ...],
-    folder: Path | None,
-    max_peers: int,
-    watch: int | None,
-    news: str,
-) -> None:
-    """Relay until the keys change; say `news` as soon as it does.
+def _relay(options: "RelayOptions", folder: Path | None, watch: int | None, news: str) -> None:
+    """Relay until the keys in `folder` change; say `news` as soon as it does.
 
     Zenoh reads whom to let in when it starts; peers come back by themselves.
     """
     from protocol.link.endpoints import Failure, why_not_reached
-    from protocol.relay.zenoh_relay import Relay, RelayOptions
+    from protocol.relay.zenoh_relay import Relay
     from protocol.security.authority import RELAY_KEYS, read_peers
     from protocol.security.key_file import read_key_file
 
-    invited = None if folder is None else read_peers(folder)
-    keys = None if folder is None else read_key_file(folder / RELAY_KEYS)
+    if folder is not None:
+        invited = read_peers(folder)
+        options = replace(options, keys=read_key_file(folder / RELAY_KEYS), peers=invited)
     with ExitStack() as stack:
-        relay = stack.enter_context(Relay(RelayOptions(listen, connect, max_peers, keys, invited)))
+        relay = stack.enter_context(Relay(options))
         say(f"relay: {news}")
         if watch is not None:
             from risorius.watch.watch_server import WatchServer
 
             server = stack.enter_context(WatchServer(relay, watch))
             say(f"relay: calls are watched at http://HOST:{server.port}/CALL#KEY")
-        for text in connect:
+        for text in options.connect:
             # The last choice is the one that a relay takes to another.
             why = why_not_reached(parse_remote_endpoint(text).choices[-1])
             if why not in (Failure.FOREIGN, Failure.SILENT):
                 say(f"relay: cannot reach {text}: {why}; trying again")
-        while folder is None or read_peers(folder) == invited:
+        while folder is None or read_peers(folder) == options.peers:
             # Not for a signal: a thread of Zenoh may take it.
             time.sleep(NAP_S)
-
-
-def _check_endpoints(endpoints: tuple[str, ...]) -> None:
-    """Raise `UserError` if somebody without a certificate could connect."""
-    for text in endpoints:
-        if parse_endpoint(text).scheme not in CERTIFIED_SCHEMES:
-            raise UserError(f"endpoint {text!r}: with --keys use tls/HOST:PORT or quic/HOST:PORT")

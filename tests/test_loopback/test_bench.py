@@ -130,7 +130,7 @@ def test_an_end_that_took_no_time_has_no_shares() -> None:
 @pytest.mark.parametrize("source", ["0", "rtsp://192.0.2.1/a"])
 def test_a_live_source_cannot_be_compared(source: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="only a recorded video"):
-        bench_clip(source, BenchSettings(), tmp_path / "a.mkv", EncoderNetworks(), pytest.fail)
+        bench_clip(source, BenchSettings({}), tmp_path / "a.mkv", EncoderNetworks(), pytest.fail)
 
 
 def test_a_call_that_takes_too_long_is_ended(carphone: Path, tmp_path: Path) -> None:

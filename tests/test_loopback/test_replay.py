@@ -11,7 +11,7 @@ import pytest
 from conftest import ROOT, Start
 from processes import LIMIT_S, error_line, wait_until
 
-from loopback.bench import BenchSettings
+from loopback.bench import ENCODER_OPTIONS, BenchSettings
 from loopback.replay.checks import (
     PICTURES,
     Check,
@@ -40,7 +40,7 @@ def write_suite(folder: Path, text: str) -> Path:
 
 
 def clip(least: dict[str, float], most: dict[str, float]) -> Clip:
-    return Clip("a", "a.mp4", "00", BenchSettings(), least, most)
+    return Clip("a", "a.mp4", "00", BenchSettings({}), least, most)
 
 
 def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
@@ -65,10 +65,10 @@ def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
     assert suite.name == "night"
     first, second = suite.clips
     assert (first.name, first.path) == ("a.mp4", str(tmp_path / "sub" / "a.mp4"))
-    assert first.settings == BenchSettings(max_frames=5, pace=False)
+    assert first.settings.encoder == {**ENCODER_OPTIONS, "max_frames": 5, "pace": False}
     assert first.least == {"face_psnr_db": 24} and first.most == {"latency_ms.p50": 120}
     assert (second.name, second.path) == ("images", "/clips/frame_%04d.png")
-    assert second.settings.max_frames == 9
+    assert second.settings.encoder["max_frames"] == 9
 
 
 @pytest.mark.parametrize(

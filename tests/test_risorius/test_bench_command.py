@@ -46,9 +46,10 @@ def test_a_bench_refuses_a_start_that_leaves_nothing_for_the_model(
 
 
 def test_a_bench_hands_all_its_settings_to_the_encoder() -> None:
-    options = BenchSettings(live=True, startup_bitrate=9000.0, fps=10.0).encoder_options()
+    options = BenchSettings({"live": True, "startup_bitrate": 9000.0, "fps": 10.0}).command_line()
     assert "--live" in options
     assert options[options.index("--startup-bitrate") + 1] == "9000.0"
     assert options[options.index("--fps") + 1] == "10.0"
-    options = BenchSettings(profile="thesis", lids=True, refine=False).encoder_options()
+    thesis = {"profile": "thesis", "lids": True, "refine": False}
+    options = BenchSettings(thesis).command_line()
     assert {"--lids", "--no-refine"} <= set(options)
