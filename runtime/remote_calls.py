@@ -1,5 +1,6 @@
 """Calls to an object in a process of its own, whose results come later."""
 
+import logging
 import socket
 import threading
 from collections.abc import Callable, Mapping
@@ -11,6 +12,9 @@ from typing import Any
 
 from runtime.child_process import start_child
 from runtime.object_stream import ObjectStream
+from shared_model.errors import UserError
+
+_log = logging.getLogger(__name__)
 
 Shared = Mapping[str, Callable[[], object]]
 
@@ -20,7 +24,8 @@ class RemoteCalls:
 
     module: its `serve` answers them, see `answer_calls`.
     shared: see `ObjectStream`.
-    on_failure: called once with the reason if the process ends by itself or cannot be understood.
+    on_failure: called once with the reason if the process ends by itself, cannot be understood, or
+        fails with anything but a `UserError`; whoever asks for results goes on without them.
     """
 
     def __init__(
@@ -43,7 +48,7 @@ class RemoteCalls:
         return self._process.pid
 
     def call(self, method: str, *arguments: object) -> "Future[Any]":
-        """Call a method; if the process ends first, the result is never done."""
+        """Call a method; if the process fails first, the result is never done."""
         future = Future[Any]()
         if self._has_ended:
             return future
@@ -53,7 +58,7 @@ class RemoteCalls:
         return future
 
     def call_awaited(self, method: str, *arguments: object) -> "Future[Any]":
-        """Call a method; if the process ends first, the result is a `ChildProcessError`."""
+        """Call a method; if the process fails first, the result is a `ChildProcessError`."""
         with self._ending:
             future = self.call(method, *arguments)
             if self._has_ended:
@@ -77,8 +82,8 @@ class RemoteCalls:
             # A process that is gone is noticed where its results are received.
             return
         except Exception as error:
-            # An argument that cannot be pickled: for whoever asks for the result.
-            self._waiting.pop(number).set_exception(error)
+            # An argument that cannot be pickled.
+            self._fail(f"the {self._name} cannot be asked ({error!r})")
 
     def _receive(self) -> None:
         try:
@@ -87,22 +92,25 @@ class RemoteCalls:
                 future = self._waiting.pop(number)
                 if error is None:
                     future.set_result(result)
-                else:
+                elif isinstance(error, UserError):
                     future.set_exception(error)
+                else:
+                    self._fail(f"the {self._name} has failed ({error})")
         except EOFError:
-            if not self._is_closing:
-                self._fail(f"the {self._name} has ended ({self._process.wait()})")
+            self._fail(f"the {self._name} has ended ({self._process.wait()})")
         except Exception as error:
             # Whatever unpickling raises.
-            self._process.kill()
             self._fail(f"what the {self._name} has sent cannot be read ({error!r})")
 
     def _fail(self, reason: str) -> None:
         with self._ending:
+            if self._has_ended or self._is_closing:
+                return
             self._has_ended = True
             for future in self._awaited:
                 if not future.done():
                     future.set_exception(ChildProcessError())
+        self._process.kill()
         self._on_failure(reason)
 
 
@@ -120,6 +128,10 @@ def answer_calls(descriptor: int, target: object, shared: Shared | None = None) 
 
     def answer(number: int, done: "Future[Any]") -> None:
         error = done.exception()
+        if error is not None and not isinstance(error, UserError):
+            _log.info("call %d has failed", number, exc_info=error)
+            # Not every error can be sent.
+            error = ChildProcessError(repr(error))
         reply(number, None if error else done.result(), error)
 
     with suppress(EOFError):

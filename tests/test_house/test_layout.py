@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 OURS = ("runtime", "shared_model", "protocol", "encoder", "decoder", "aam", "loopback", "risorius")
 MAY_IMPORT = {
-    "runtime": {"runtime", "shared_model.arrays", "shared_model.logs"},
+    "runtime": {"runtime", "shared_model.arrays", "shared_model.errors", "shared_model.logs"},
     "shared_model": {"shared_model"},
     "protocol": {
         "protocol",

@@ -3,12 +3,9 @@
 import os
 import signal
 import socket
-import threading
-from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
-from typing import cast
 
 import numpy as np
 import pytest
@@ -18,7 +15,6 @@ from encoder.capture.video_source import open_source
 from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import gop_for_fps
 from encoder.coding.model_packet import BUDGETS
-from encoder.learning.face_sample import FaceSample
 from encoder.learning.incremental_modes import USUAL_LIMITS
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
 from encoder.live_model.learning_process import SHARED, LearningProcess
@@ -108,43 +104,6 @@ def test_a_call_begins_without_the_learning_process(talking_clip: Path) -> None:
             process.close()
     expected = image.encode(BUDGETS["live"].background_bytes)
     assert version.packet.background == expected
-
-
-class TwoWordedError(Exception):
-    """Cannot be unpickled, as many exceptions with a constructor of their own."""
-
-    def __init__(self, one: str, other: str) -> None:
-        super().__init__(f"{one} {other}")
-
-
-class FailingTrainer:
-    """A trainer as far as it is needed to fail."""
-
-    def retrain(self, *task: object) -> None:
-        """Fail."""
-        raise TwoWordedError("cannot", "train")
-
-
-def test_what_cannot_be_sent_is_told_to_whoever_waits_for_it() -> None:
-    process = LearningProcess(lambda line: None)
-    try:
-        unsendable = cast(Sequence[FaceSample], threading.Lock())
-        waiting = process.learn(ModesTask(unsendable, 1.0, 1))
-        assert isinstance(waiting.exception(LIMIT_S), TypeError)
-    finally:
-        process.close()
-
-
-def test_a_result_that_cannot_be_read_is_told_once() -> None:
-    lines = SimpleQueue[str]()
-    process = LearningProcess(lines.put)
-    try:
-        process.begin(cast(ModelTrainer, FailingTrainer()))
-        process.train(TrainingTask(0.3, [], [], 1))
-        line = lines.get(timeout=LIMIT_S)
-        assert "cannot be read" in line and "nothing more is learned" in line
-    finally:
-        process.close()
 
 
 def test_arrays_and_heads_arrive_as_they_were() -> None:
