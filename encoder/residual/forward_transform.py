@@ -1,9 +1,11 @@
 """Pictures of differences -> values of tiles, see `protocol.picture_residual.block_transform`."""
 
 from collections.abc import Sequence
+from functools import cache
 
 import cv2
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from protocol.picture_residual.block_transform import dct_matrix, lapping_matrix
 from protocol.picture_residual.residual_block import CHROMA_WEIGHT
@@ -11,11 +13,9 @@ from protocol.picture_residual.tile_coding import plane_start, values_of_tile
 from protocol.pictures.picture_codec import LUMA_BGR
 from shared_model.arrays import Single
 
-_LUMA = np.array(LUMA_BGR, np.float32)
-# Luma and weighted colour differences of blue, green and red.
-_PLANES = np.stack(
-    [_LUMA, CHROMA_WEIGHT * ([1, 0, 0] - _LUMA), CHROMA_WEIGHT * ([0, 0, 1] - _LUMA)]
-).astype(np.float32)
+_LUMA = np.array([LUMA_BGR], np.float32)
+# Weighted colour differences of blue and red.
+_CHROMA = np.asarray(CHROMA_WEIGHT * (np.array([[1, 0, 0], [0, 0, 1]]) - _LUMA), np.float32)
 
 
 def forward_transform(differences: Sequence[Single], tile: int) -> Single:
@@ -25,44 +25,71 @@ def forward_transform(differences: Sequence[Single], tile: int) -> Single:
     """
     (height, width), frames = differences[0].shape[:2], len(differences)
     rows, columns = -(-height // tile), -(-width // tile)
-    below, right = rows * tile - height, columns * tile - width
-    planes = [np.empty((frames, rows * tile, columns * tile), np.float32)]
-    planes += [np.empty((frames, rows * tile // 2, columns * tile // 2), np.float32) for _ in "br"]
+    sides = tile, tile // 2, tile // 2
+    planes = [
+        np.zeros((frames, (rows + 1) * side, (columns + 1) * side), np.float32) for side in sides
+    ]
     for frame, difference in enumerate(differences):
-        coloured = cv2.transform(difference, _PLANES)
-        padded = cv2.copyMakeBorder(coloured, 0, below, 0, right, cv2.BORDER_REPLICATE)
-        halved = cv2.resize(padded, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        planes[0][frame] = padded[..., 0]
-        planes[1][frame], planes[2][frame] = halved[..., 1], halved[..., 2]
+        for plane, side, samples in zip(planes, sides, _coloured(difference, tile), strict=True):
+            half = side // 2
+            plane[frame, half : -half or None, half : -half or None] = samples
     values = np.empty((rows, columns, frames, values_of_tile(tile)), np.float32)
-    for plane, samples in enumerate(planes):
-        side, start = tile // 2 if plane else tile, plane_start(plane, tile)
-        blocks = _transformed(samples, side)
-        values[..., start : start + side**2] = blocks.reshape(rows, columns, frames, side**2)
+    for index, (plane, side) in enumerate(zip(planes, sides, strict=True)):
+        start = plane_start(index, tile)
+        own = values[..., start : start + side**2].reshape(rows, columns, frames, side, side)
+        _transform(plane, side, own)
     return values
 
 
-def _transformed(samples: Single, side: int) -> Single:
-    """(rows, columns, frames, side, side) values of the blocks of a plane (frames, h, w)."""
-    frames = len(samples)
-    dct = dct_matrix(side)
-    flat = (dct_matrix(frames) @ samples.reshape(frames, -1)).reshape(samples.shape)
-    by_rows = dct @ _lapped(flat, side).reshape(frames, -1, side, samples.shape[2])
-    columns = np.ascontiguousarray(by_rows.reshape(frames, -1, samples.shape[2]).swapaxes(1, 2))
-    blocks = dct @ _lapped(columns, side).reshape(frames, -1, side, samples.shape[1])
-    # Frames, columns of blocks, column, rows of blocks, row.
-    apart = blocks.reshape(frames, -1, side, samples.shape[1] // side, side)
-    return np.asarray(apart.transpose(3, 1, 0, 4, 2), np.float32)
+def _coloured(difference: Single, tile: int) -> tuple[Single, Single, Single]:
+    """Luma, and both colour differences at half the size, of whole tiles."""
+    height, width = difference.shape[:2]
+    below, right = -height % tile, -width % tile
+    whole = cv2.copyMakeBorder(difference, 0, below, 0, right, cv2.BORDER_REPLICATE)
+    halved = cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    chroma = np.asarray(cv2.transform(halved, _CHROMA), np.float32)
+    luma = np.asarray(cv2.transform(whole, _LUMA), np.float32)
+    return luma, chroma[..., 0], chroma[..., 1]
 
 
-def _lapped(samples: Single, side: int) -> Single:
-    """Samples (frames, n * side, m), filtered across the borders of blocks of rows."""
-    half, frames, rows, across = side // 2, *samples.shape
-    count = rows // side - 1
-    if not count:
-        return samples
-    result = samples.copy()
-    inner = samples[:, half : half + count * side].reshape(frames, count, side, across)
-    filtered = lapping_matrix(side) @ inner
-    result[:, half : half + count * side] = filtered.reshape(frames, count * side, across)
-    return result
+def _transform(plane: Single, side: int, values: Single) -> None:
+    """Write the values (rows, columns, frames, side, side) of the blocks of a plane.
+
+    plane: (frames, h, w) with half a block of zeros around.
+    """
+    rows, columns, frames = values.shape[:3]
+    in_time = (dct_matrix(frames) @ plane.reshape(frames, -1)).reshape(plane.shape)
+    # Of a row of blocks alone, so that all of it stays in a cache.
+    lines = np.empty((frames, side, plane.shape[2]), np.float32)
+    # Columns of blocks, frames and lines, samples that a block needs.
+    beside = sliding_window_view(lines.reshape(frames * side, -1), 2 * side, 1)
+    beside = beside[:, ::side].swapaxes(0, 1)
+    blocks = np.empty((columns, frames * side, side), np.float32)
+    for row in range(rows):
+        above = in_time[:, row * side : (row + 2) * side]
+        np.matmul(_block_matrix(side, row == 0, row == rows - 1), above, out=lines)
+        for column in 0, columns - 1:
+            matrix = _block_matrix(side, column == 0, column == columns - 1)
+            np.matmul(beside[column], matrix.T, out=blocks[column])
+        between = slice(1, columns - 1)
+        np.matmul(beside[between], _block_matrix(side, False, False).T, out=blocks[between])
+        values[row] = blocks.reshape(columns, frames, side, side)
+
+
+@cache
+def _block_matrix(side: int, is_first: bool, is_last: bool) -> Single:
+    """(side, 2 * side) a block's values from its samples and half a block on either side of it.
+
+    is_first, is_last: nothing is before, after it.
+    """
+    half, lapping = side // 2, lapping_matrix(side)
+    lapped = np.zeros((side, 2 * side), np.float32)
+    if is_first:
+        lapped[:half, half:side] = np.eye(half)
+    else:
+        lapped[:half, :side] = lapping[half:]
+    if is_last:
+        lapped[half:, side:-half] = np.eye(half)
+    else:
+        lapped[half:, side:] = lapping[:half]
+    return np.asarray(dct_matrix(side) @ lapped, np.float32)

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
 from encoder.coding.model_packet import USUAL_UP_TO_BPS
 from encoder.coding.rate_control import RESERVOIR_S
 from encoder.picture_coding.quantiser_search import finest_quantiser_within
 from encoder.picture_coding.symbol_writing import DecisionRecorder, Decisions, range_coded
+from encoder.residual.face_filling import face_filled
 from encoder.residual.forward_transform import forward_transform
 from encoder.residual.quantiser import quantise_tiles
 from protocol.entropy.integer_codes import code_bits
@@ -35,9 +35,8 @@ from shared_model.arrays import Mask, Single
 FACES_ALONE_BPS, FACES_SHARE = USUAL_UP_TO_BPS, 0.5
 # A packet may take what it earns and this share of what those before have left.
 SAVED_SHARE = 0.3
-# A tile is fine if this share of it is face.  Around the face, differences are continued into it by
-# means over so many tiles, where so much of them is not face.
-FACE_SHARE, EXTENSION_TILES, MIN_SHARE = 0.7, 1, 0.05
+# A tile is fine if this share of it is face.
+FACE_SHARE = 0.7
 # Codes of the step: the finest, the one tried first, the coarsest; and in how many bits halve.
 FINEST, INITIAL, COARSEST = 8, 32, 44
 CODES_PER_HALVING = 2.5
@@ -99,8 +98,12 @@ class ResidualEncoder:
         if limit < 8:
             return b""
         is_fine = _tiles_within(np.mean(face_areas, axis=0), *self._size)
-        around = list(map(_extended, differences, face_areas))
-        values = forward_transform(around, tile_side(*self._size))
+        tile = tile_side(*self._size)
+        around = [
+            face_filled(difference, area, tile)
+            for difference, area in zip(differences, face_areas, strict=True)
+        ]
+        values = forward_transform(around, tile)
         if is_fine.any():
             self._put_face(values, differences, is_fine)
 
@@ -145,16 +148,6 @@ def _tiles_within(face_area: Single, width: int, height: int) -> Mask:
     whole[:height, :width] = face_area
     share = whole.reshape(rows, side, columns, side).mean((1, 3))
     return np.asarray(share > FACE_SHARE)
-
-
-def _extended(difference: Single, face_area: Single) -> Single:
-    """A difference (h, w, 3) around a face, continued smoothly into it, where it is not added."""
-    side = EXTENSION_TILES * tile_side(difference.shape[1], difference.shape[0]) + 1
-    weight = (1 - face_area)[..., None]
-    kept = weight * difference
-    total = cv2.blur(kept, (side, side))
-    share = cv2.blur(weight, (side, side))[..., None]
-    return np.asarray(kept + (1 - weight) * total / np.maximum(share, MIN_SHARE), np.float32)
 
 
 def serialise_tiles(tiles: ResidualTiles) -> bytes:
