@@ -43,6 +43,7 @@ SETS = {
         "thesis-literal": ["--preset", "thesis-literal", "--no-pace"],
     },
     "rungs": {
+        "2000": ["--bitrate", "2000", "--model-bytes", "30000", "--no-pace"],
         "5000": ["--bitrate", "5000", "--model-bytes", "60000", "--no-pace"],
         "16000": ["--bitrate", "16000", "--model-bytes", "100000", "--no-pace"],
         "live-5000": ["--live", "--bitrate", "5000", "--no-pace"],
@@ -59,6 +60,7 @@ COLUMNS = {
     "person_psnr_db": ("person but face", 1),
     "background_psnr_db": ("behind", 1),
     "face_ssimulacra2": ("SSIMULACRA2 face", 0),
+    "blink_ssimulacra2": ("of blinks", 0),
     "picture_ssimulacra2": ("of picture", 0),
     "flicker_ratio": ("flicker", 2),
     "jitter_ratio": ("jitter", 2),

@@ -53,6 +53,7 @@ FIGURES = (
     Figure("face_ssim", "SSIM of the face"),
     Figure("full_ssim", "SSIM of the picture"),
     Figure("face_ssimulacra2", "SSIMULACRA2 of the face", column="SSIMU2 face", is_averaged=True),
+    Figure("blink_ssimulacra2", "  in frames of blinks", column="of blinks", is_averaged=True),
     Figure(
         "picture_ssimulacra2", "SSIMULACRA2 of the picture", column="of picture", is_averaged=True
     ),

@@ -17,7 +17,11 @@ from loopback.judge.learned import learned_distance
 from loopback.judge.observer import MediaPipeJudge, Observer
 from loopback.judge.voice import VoiceQuality, compare_voices
 from loopback.quality.emotion_agreement import emotion_agreement
-from loopback.quality.landmark_metrics import LandmarkMetrics, landmark_metrics
+from loopback.quality.landmark_metrics import (
+    LandmarkMetrics,
+    frames_of_blinks,
+    landmark_metrics,
+)
 from loopback.quality.region_quality import FRAME_INTERVAL, region_meter
 from loopback.quality.video_quality import (
     Progress,
@@ -133,7 +137,7 @@ def compare(
         view.face_masks(),
         progress,
         view.max_frames,
-        regions=region_meter(view.people, warn, view.interval),
+        regions=region_meter(view.people, warn, view.interval, frames_of_blinks(view.landmarks)),
         with_ssim=with_faces,
     )
     faces, identity, emotions = LandmarkMetrics(), None, None

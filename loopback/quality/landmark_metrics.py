@@ -7,12 +7,15 @@ import numpy as np
 
 from encoder.detection.landmark_indices import LANDMARK_DISTANCES, OUTER_EYE_CORNERS
 from loopback.report import rounded
-from shared_model.arrays import Array
+from shared_model.arrays import Array, Mask
 
 # Landmarks whose places give the pose of a head: nose, chin, eye and mouth corners, forehead, jaw.
 POSE_LANDMARKS = [1, 152, 33, 263, 61, 291, 168, 199]
 # Fewer frames say nothing of a pose or of restlessness.
 LEAST_FRAMES = 4
+# Lids move where the eyes' opening changes by this share of its median from a frame to the next, and
+# are closed where it is below the other share.
+LID_MOTION, CLOSED_LIDS = 0.15, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +81,17 @@ def correlation(first: Array, second: Array) -> float | None:
     if len(first) < 3 or min(first.std(), second.std()) < 1e-6:
         return None
     return rounded(float(np.corrcoef(first, second)[0, 1]), 3)
+
+
+def frames_of_blinks(points: Array) -> Mask:
+    """(t,) bool: frames in which lids move or are closed, of landmarks (t, 468, 2 or 3)."""
+    opening = _landmark_distance(points[..., :2], "blink")
+    if not np.isfinite(opening).any():
+        return np.zeros(len(points), np.bool_)
+    usual = float(np.nanmedian(opening))
+    is_changed = np.abs(np.diff(opening)) > LID_MOTION * usual
+    moves = np.append(is_changed, False) | np.append(False, is_changed)
+    return np.asarray(moves | (opening < CLOSED_LIDS * usual))
 
 
 def restlessness(points: Array) -> float:

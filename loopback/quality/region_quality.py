@@ -35,6 +35,7 @@ class RegionQuality:
     background_psnr_db: over all that is neither person nor face.
     face_ssimulacra2: SSIMULACRA2 of the face's bounding box, with the source's pixels around the
         face.
+    blink_ssimulacra2: of the face as above, in all frames in which lids move or are closed.
     picture_ssimulacra2: of the whole picture.  90 looks lossless, 70 high, 50 medium, 30 low.
     flicker_ratio: mean change of the background from one looked-at frame to the next, decoded over
         source; 1 is as calm as the source.
@@ -43,6 +44,7 @@ class RegionQuality:
     person_psnr_db: float | None = None
     background_psnr_db: float | None = None
     face_ssimulacra2: float | None = None
+    blink_ssimulacra2: float | None = None
     picture_ssimulacra2: float | None = None
     flicker_ratio: float | None = None
 
@@ -55,11 +57,13 @@ class RegionMeter:
         background and flicker.
     similarity: None leaves out SSIMULACRA2.
     interval: every so many frames one is looked at.
+    blinks: of each frame whether lids move or are closed in it; None: not known.
     """
 
     people: Sequence[Mask] | None
     similarity: Similarity | None
     interval: int = FRAME_INTERVAL
+    blinks: Mask | None = None
     _values: dict[str, list[float]] = field(default_factory=dict)
     _changes: list[tuple[float, float]] = field(default_factory=list)
     _before: tuple[Array, Array, Mask] | None = None
@@ -69,15 +73,20 @@ class RegionMeter:
 
         original, copy: (height, width, 3) uint8 BGR.  face: mask of the face in `original`.
         """
-        if index % self.interval:
-            return
+        is_regular = index % self.interval == 0
+        is_blink = self.blinks is not None and bool(self.blinks[index])
         face = np.zeros(original.shape[:2], np.bool_) if face is None else face
-        if self.people is not None:
+        if is_regular and self.people is not None:
             self._add_regions(original, copy, face, self.people[index // self.interval])
-        if self.similarity is not None:
+        if self.similarity is None:
+            return
+        if is_regular:
             self._add("picture_ssimulacra2", self.similarity(original, copy))
-            if face.any():
-                self._add("face_ssimulacra2", self.similarity(*_face_only(original, copy, face)))
+        if face.any() and (is_regular or is_blink):
+            similarity = self.similarity(*_face_only(original, copy, face))
+            for name, is_shown in (("face", is_regular), ("blink", is_blink)):
+                if is_shown:
+                    self._add(f"{name}_ssimulacra2", similarity)
 
     def result(self) -> RegionQuality:
         """The means over the frames added."""
@@ -107,18 +116,21 @@ class RegionMeter:
 
 
 def region_meter(
-    people: Sequence[Mask] | None, warn: Callable[[str], None], interval: int = FRAME_INTERVAL
+    people: Sequence[Mask] | None,
+    warn: Callable[[str], None],
+    interval: int = FRAME_INTERVAL,
+    blinks: Mask | None = None,
 ) -> RegionMeter:
     """A meter with what is installed; `warn` is called with a line for each part that is not.
 
-    people: the person in each frame that is looked at; None: not known.
+    people: the person in each frame that is looked at; None: not known.  blinks: see `RegionMeter`.
     """
     if people is None:
         warn("risorius: warning: no segmentation network: no PSNR of person and background")
     similarity = _ssimulacra2()
     if similarity is None:
         warn("risorius: warning: no SSIMULACRA2; pip install '.[quality]' brings it")
-    return RegionMeter(people, similarity, interval)
+    return RegionMeter(people, similarity, interval, blinks)
 
 
 def _ssimulacra2() -> Similarity | None:

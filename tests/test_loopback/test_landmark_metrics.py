@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from encoder.detection.landmark_indices import LANDMARK_DISTANCES
 from loopback.quality.landmark_metrics import (
     LandmarkMetrics,
     correlation,
+    frames_of_blinks,
     landmark_metrics,
     restlessness,
 )
@@ -86,3 +88,13 @@ def test_restlessness_is_that_of_the_second_differences() -> None:
     assert ratio is not None and ratio > 1.5
     still = np.repeat(calm[:1], 9, 0)
     assert restlessness(still) == 0 and restlessness(still + np.arange(9)[:, None, None]) < 1e-9
+
+
+def test_blinks_are_where_lids_close_and_open() -> None:
+    opening = np.array([10, 10, 10, 7, 3, 3, 3, 7, 10, 10, 9.5, 10, np.nan, 10])
+    points = np.tile(talking(1), (len(opening), 1, 1))
+    for upper, lower in LANDMARK_DISTANCES["blink"]:
+        points[:, lower] = (80, 60)
+        points[:, upper] = np.stack([np.full(len(opening), 80), 60 - opening], 1)
+    assert np.flatnonzero(frames_of_blinks(points)).tolist() == [2, 3, 4, 5, 6, 7, 8]
+    assert not frames_of_blinks(np.full((3, 468, 3), np.nan)).any()

@@ -73,6 +73,17 @@ def test_ssimulacra2_of_the_face_sees_the_face_alone() -> None:
     assert result.picture_ssimulacra2 is not None and result.picture_ssimulacra2 < 50
 
 
+def test_frames_of_blinks_are_looked_at_wherever_they_are() -> None:
+    blinks = np.zeros(2 * FRAME_INTERVAL, np.bool_)
+    blinks[[3, FRAME_INTERVAL]] = True
+    meter = RegionMeter(None, lambda _original, copy: float(copy.max()), blinks=blinks)
+    for index in range(2 * FRAME_INTERVAL):
+        meter.add(index, flat(0), flat(index), FACE)
+    result = meter.result()
+    assert result.blink_ssimulacra2 == (3 + FRAME_INTERVAL) / 2
+    assert result.face_ssimulacra2 == result.picture_ssimulacra2 == FRAME_INTERVAL / 2
+
+
 def test_what_cannot_be_measured_is_said() -> None:
     lines: list[str] = []
     meter = region_meter(None, lines.append)
