@@ -13,8 +13,8 @@ from shared_model.arrays import Array, Mask
 POSE_LANDMARKS = [1, 152, 33, 263, 61, 291, 168, 199]
 # Fewer frames say nothing of a pose or of restlessness.
 LEAST_FRAMES = 4
-# Lids move where the eyes' opening changes by this share of its median from a frame to the next, and
-# are closed where it is below the other share.
+# Lids move where the eyes' opening changes by this share of its median from a frame to the next,
+# and are closed where it is below the other share.
 LID_MOTION, CLOSED_LIDS = 0.15, 0.5
 
 
