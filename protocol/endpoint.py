@@ -20,6 +20,8 @@ CERTIFIED_SCHEMES = ("tls", "quic")
 # Of what connects two devices without a network, each with a carrier of its own, see
 # `link.carriers`.
 DEVICE_SCHEMES = ("serial",)
+# How a user names one.
+DEVICE_FORMS = " or ".join(f"{scheme}/DEVICE" for scheme in DEVICE_SCHEMES)
 # Tried in this order.
 DEFAULT_SCHEMES = ("udp", "tcp")
 ANY_HOST = "0.0.0.0"
@@ -116,7 +118,7 @@ def parse_endpoint(text: str) -> Endpoint:
     if parts is None or not text:
         raise UserError(
             f"endpoint {text[:MAX_MESSAGE_LENGTH]!r}: expected HOST:{DEFAULT_PORT},"
-            f" with a scheme as in tcp/HOST:{DEFAULT_PORT}, or serial/DEVICE"
+            f" with a scheme as in tcp/HOST:{DEFAULT_PORT}, or {DEVICE_FORMS}"
         )
     port = int(parts["port"] or DEFAULT_PORT)
     if port > MAX_PORT:

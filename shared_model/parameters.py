@@ -9,29 +9,33 @@ from shared_model.arrays import Array
 
 @dataclass(frozen=True, slots=True)
 class Eau:
-    """One Expression Action Unit (thesis 2.3.1): its name, range and the AUs it realises."""
+    """One Expression Action Unit (thesis 2.3.1): its name, range and the AUs it realises.
+
+    region: of the face, under which pages show it: Brows, Eyes, Nose or Mouth.
+    """
 
     name: str
     low: float
     high: float
     au: str
+    region: str
 
 
 EAUS = (
-    Eau("jaw_drop", 0.0, 1.0, "AU26"),
-    Eau("mouth_corners", -1.0, 1.0, "AU12 / AU15"),
-    Eau("eyebrow_middle", -1.0, 1.0, "AU2 / AU4"),
-    Eau("eyebrow_inner", -1.0, 1.0, "AU1 / AU4"),
-    Eau("eyebrow_outer", -1.0, 1.0, "AU2"),
-    Eau("nose_base", 0.0, 1.0, "AU9"),
-    Eau("lid_left", -0.5, 1.0, "AU45 / AU5"),
-    Eau("lid_right", -0.5, 1.0, "AU45 / AU5"),
-    Eau("gaze_horizontal", -1.0, 1.0, "AU61 / AU62"),
-    Eau("gaze_vertical", -1.0, 1.0, "AU63 / AU64"),
-    Eau("lip_stretch", -1.0, 1.0, "AU20 / AU18"),
-    Eau("upper_lip_raise", 0.0, 1.0, "AU10"),
-    Eau("lower_lip_lower", -0.6, 1.0, "AU16 / AU17"),
-    Eau("lip_press", 0.0, 1.0, "AU24"),
+    Eau("jaw_drop", 0.0, 1.0, "AU26", "Mouth"),
+    Eau("mouth_corners", -1.0, 1.0, "AU12 / AU15", "Mouth"),
+    Eau("eyebrow_middle", -1.0, 1.0, "AU2 / AU4", "Brows"),
+    Eau("eyebrow_inner", -1.0, 1.0, "AU1 / AU4", "Brows"),
+    Eau("eyebrow_outer", -1.0, 1.0, "AU2", "Brows"),
+    Eau("nose_base", 0.0, 1.0, "AU9", "Nose"),
+    Eau("lid_left", -0.5, 1.0, "AU45 / AU5", "Eyes"),
+    Eau("lid_right", -0.5, 1.0, "AU45 / AU5", "Eyes"),
+    Eau("gaze_horizontal", -1.0, 1.0, "AU61 / AU62", "Eyes"),
+    Eau("gaze_vertical", -1.0, 1.0, "AU63 / AU64", "Eyes"),
+    Eau("lip_stretch", -1.0, 1.0, "AU20 / AU18", "Mouth"),
+    Eau("upper_lip_raise", 0.0, 1.0, "AU10", "Mouth"),
+    Eau("lower_lip_lower", -0.6, 1.0, "AU16 / AU17", "Mouth"),
+    Eau("lip_press", 0.0, 1.0, "AU24", "Mouth"),
 )
 EAU_INDEX = {eau.name: index for index, eau in enumerate(EAUS)}
 EAU_LOW = tuple(eau.low for eau in EAUS)

@@ -1,4 +1,4 @@
-"""Writes the test vectors of whole calls: `python tests/make_vectors.py` in the project's folder.
+"""Writes the test vectors: `python tests/make_vectors.py` in the project's folder.
 
 The calls are synthetic and small, and contain everything that docs/format.md specifies.  The files
 are fixed: write them again only if the format changes.
@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from layered_vectors import layered_background, with_layers
+from packets import GOLDEN
 from residual_vectors import with_residuals
 from vector_contents import VECTORS, expected, frames_of
 
@@ -242,6 +243,11 @@ def main() -> None:
         print(f"{name}: {len(data)} bytes, {len(packets)} packets")
     for name, reserved in (("frames_default", 0), ("frames_reserved", 6)):
         (VECTORS / f"{name}.json").write_text(json.dumps(frames_of(name, reserved)) + "\n")
+    for name, packet in GOLDEN.items():
+        data = serialise(packet)
+        if bytes.fromhex((VECTORS / f"{name}.hex").read_text()) != data:
+            (VECTORS / f"{name}.hex").write_text(data.hex() + "\n")
+            print(f"{name}: {len(data)} bytes")
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from protocol.packets import (
     LayerPacket,
     Packet,
 )
+from shared_model.parameters import EAUS
 
 VECTORS = Path(__file__).parent / "vectors"
 
@@ -24,7 +25,7 @@ MODEL = ModelPacket(
     aau=tuple(range(-5, 6)),
     reference_rotation=(0.0, 1.0, 0.0, 0.0),
     reference_translation_mm=(10.5, -20.25, 600.0),
-    reference_eau=tuple(range(-7, 7)),
+    reference_eau=tuple(range(-7, len(EAUS) - 7)),
     background=b"background",
     texture=b"texture",
     residual=(1, -2, 3, 127, -128, 0),

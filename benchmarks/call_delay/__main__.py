@@ -15,6 +15,8 @@ if each end had a host of its own.  With --both-pages the page of the other end 
 With --draws pages draw the faces by themselves, though they do it in software here; else the host
 draws for them.  With --busy so many loops keep the cores busy beside it.  Prints a line of JSON:
 
+    ready_s          from the start of the two ends until all open pages show the other person,
+        browsers and their start included
     pictures_per_s   shown by the page
     receiving_cpu    CPU seconds a second of the four processes that receive and perhaps draw, two
         at each end
@@ -141,6 +143,7 @@ def main(argv: Sequence[str]) -> None:
             found["quality"] = [
                 seen_quality(*each) for each in zip(cameras, noted.pictures, strict=False)
             ]
+        found = {"ready_s": round(noted.ready_s, 1), **found}
         print(json.dumps({**found, "receiving_cpu": round(noted.receiving_cpu, 2)}))
 
 
@@ -148,13 +151,14 @@ def main(argv: Sequence[str]) -> None:
 class Notes:
     """What was noted of a call.
 
-    seen, heard, begun_ms: see `figures`.  receiving_cpu: see above.
+    seen, heard, begun_ms: see `figures`.  ready_s, receiving_cpu: see above.
     pictures: what the page shows, and that of the other end if it is open; empty: not asked for.
     """
 
     seen: Array
     heard: Array
     begun_ms: float
+    ready_s: float
     receiving_cpu: float
     pictures: list[list[Seen]]
 
@@ -193,7 +197,7 @@ def measure(
     with_pictures: also what the open pages show.
     """
     with ExitStack() as stack:
-        where = f"127.0.0.1:{free_port()}"
+        where, start_s = f"127.0.0.1:{free_port()}", time.monotonic()
         sender = _end(stack, ["--listen", where, "--camera", str(cameras[0]), *more])
         page = _end(stack, [where, "--camera", str(cameras[1]), *more])
         browsers = [stack.enter_context(pages.open(folder / "browser", page))]
@@ -201,6 +205,7 @@ def measure(
             browsers.append(stack.enter_context(pages.open(folder / "other", sender)))
         for browser in browsers:
             browser.wait("typeof players != 'undefined' && players[OTHER].shown > 0", START_S)
+        ready_s = time.monotonic() - start_s
         time.sleep(SETTLE_S)
         browsers[0].value(NOTES)
         before_s = receiving_cpu_s()
@@ -209,7 +214,7 @@ def measure(
         begun_ms, fps = asyncio.run(_begun(sender))
         seen, heard = (np.array(browsers[0].value(each)) for each in ("seen", "heard"))
         seen[:, 2] = begun_ms + 1000 / fps * seen[:, 2]
-        return Notes(seen, heard, begun_ms, cpu, pictures)
+        return Notes(seen, heard, begun_ms, ready_s, cpu, pictures)
 
 
 def receiving_cpu_s() -> float:

@@ -1,3 +1,4 @@
+import { AAUS, EAUS } from "../model/parameters.js";
 import { check } from "./errors.js";
 import { Float, parseMap } from "./message_pack.js";
 import { parseShapeResidual } from "./shape_residual.js";
@@ -56,8 +57,6 @@ const FORMATS = new Map([
   [22, 7],
 ]);
 const PLAIN_RESIDUAL_FORMATS = [15, 16];
-const AAUS = 11;
-const EAUS = 14;
 const MAX_POINTS = 255;
 
 /** The fields of a map, checked as they are asked for. */

@@ -3,7 +3,7 @@
  * @typedef {{rotation: number[], translation: number[]}} Pose
  */
 /**
- * The face in one frame: pose; the 14 EAUs; coefficients of layers and of appearance modes.
+ * The face in one frame: pose; the EAUs; coefficients of layers and of appearance modes.
  * @typedef {{pose: Pose, eau: Float64Array, layers: Float64Array, modes: Float64Array}} Face
  */
 

@@ -13,13 +13,14 @@ from pathlib import Path
 from protocol.endpoint import (
     CERTIFIED_SCHEMES,
     DEFAULT_SCHEMES,
+    DEVICE_FORMS,
     Endpoint,
     address_for_others,
     parse_endpoint,
     parse_remote_endpoint,
 )
 from protocol.errors import ProtocolError
-from protocol.limits import CALL_NAME, CALL_NAME_RULE, DEFAULT_CALL
+from protocol.limits import CALL_NAME, CALL_NAME_RULE, DEFAULT_CALL, DEFAULT_PORT
 from protocol.link.endpoints import check_listening
 from protocol.link.interface import CONNECT_TIMEOUT_S, LinkOptions
 from protocol.security.invitation import Invitation, parse_invitation, random_key
@@ -28,6 +29,8 @@ from risorius.command_line.local_network import find_call
 from risorius.command_line.progress import say
 from shared_model.errors import UserError
 
+# What an invitation says of a device, which has no address: the other end names its own.
+DEVICE_HOST = "localhost"
 LINK_OPTIONS = ("connect", "listen", "invite", "invite_file", "call")
 # Names that are drawn: two syllables, easily said over a telephone.
 _CONSONANTS, _VOWELS = "bdfgjklmnprstv", "aeiou"
@@ -54,11 +57,11 @@ def add_link(parser: argparse.ArgumentParser, where: argparse._MutuallyExclusive
     for option, what in (
         (
             "--connect",
-            "where the other end or a relay listens: HOST, HOST:7447, tls/HOST, serial/DEVICE",
+            f"where the other end or a relay listens: HOST, HOST:7447, tls/HOST, {DEVICE_FORMS}",
         ),
         (
             "--listen",
-            "where this end listens: :7447 on all addresses, HOST:7447, serial/DEVICE",
+            f"where this end listens: :7447 on all addresses, HOST:7447, {DEVICE_FORMS}",
         ),
     ):
         where.add_argument(option, action="append", metavar="ENDPOINT", help=what)
@@ -256,11 +259,16 @@ def _new_invitation(request: LinkRequest, listen: Sequence[Endpoint], tell: Say)
     if not place.port and not place.is_device:
         raise UserError("name a port to listen on: the invitation has to tell it")
     host = address_for_others() if place.is_any else place.host
+    if place.is_device:
+        host = DEVICE_HOST
     if host is None:
         raise UserError("this host has no address on a network: name one with --listen HOST:PORT")
-    invitation = Invitation(host, place.port, request.call or random_call_name(), random_key())
+    invitation = Invitation(
+        host, place.port or DEFAULT_PORT, request.call or random_call_name(), random_key()
+    )
     own = place.scheme is not None and place.scheme not in DEFAULT_SCHEMES
-    extra = f" (and --connect {place.scheme}/{invitation.address})" if own else ""
+    where = "DEVICE" if place.is_device else invitation.address
+    extra = f" (and --connect {place.scheme}/{where})" if own else ""
     if request.invite_file is not None:
         write_private(request.invite_file, f"{invitation}\n".encode())
         tell(f"the invitation is in {request.invite_file}: send it to the other end{extra}")

@@ -21,7 +21,6 @@ from aam.weak_pose import euler_angles_deg, pose_vector, project
 from aam.window import FACE_CENTRE_MM, WINDOW_MM, FaceWindow, window_around
 from encoder.fitting.landmark_fit import landmark_model
 from risorius.view.annotation_residual import Residual
-from risorius.view.view_state import REGIONS
 from runtime.image_ops import jpeg
 from shared_model.arrays import Array, Integers, Picture
 from shared_model.errors import UserError, cannot_read
@@ -102,7 +101,7 @@ def description(folder: AnnotationFolder, compared: str) -> dict[str, Any]:
         {"name": name, "region": region, "low": float(low), "high": float(high), "au": au}
         for name, region, low, high, au in zip(
             SHAPE_NAMES,
-            ["Anthropometry"] * len(AAUS) + [REGIONS[e.name.split("_")[0]] for e in EAUS],
+            ["Anthropometry"] * len(AAUS) + [eau.region for eau in EAUS],
             LOW,
             HIGH,
             [""] * len(AAUS) + [eau.au for eau in EAUS],

@@ -14,10 +14,8 @@ from shared_model.anatomy.muscles import Muscle
 from shared_model.arrays import Array
 from shared_model.parameters import EAUS, clip_eau
 
-# Where on the face the page shows an actuator, by the first word of its name.
-REGIONS = {"jaw": "Mouth", "mouth": "Mouth", "lip": "Mouth", "upper": "Mouth", "lower": "Mouth"}
-REGIONS |= {"eyebrow": "Brows", "nose": "Nose", "lid": "Eyes", "gaze": "Eyes"}
-# The same of a muscle, by its name's first word, or by both where that is not enough.
+# Where on the face the page shows a muscle, by its name's first word, or by both where that is not
+# enough.
 MUSCLE_REGIONS = dict.fromkeys(("frontalis", "lateral", "procerus"), "Brows")
 MUSCLE_REGIONS |= dict.fromkeys(("zygomatic", "anguli", "risorius", "levator"), "Mouth")
 MUSCLE_REGIONS |= {"nasi": "Nose", "orbicularis oculi": "Eyes", "orbicularis oris": "Mouth"}
@@ -69,7 +67,7 @@ def _eau(index: int) -> dict[str, Any]:
     eau = EAUS[index]
     return {
         "name": eau.name,
-        "region": REGIONS[eau.name.split("_")[0]],
+        "region": eau.region,
         "low": eau.low,
         "high": eau.high,
         "au": eau.au,

@@ -24,6 +24,7 @@ from risorius.cli import main
 from risorius.view.annotation_residual import MeanResidual
 from risorius.view.annotation_state import AnnotationFolder, description, shown
 from shared_model.errors import UserError
+from shared_model.parameters import EAUS
 
 NOSE_TIP = 4
 TOO_MUCH = b" " * 70000
@@ -36,7 +37,7 @@ def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("view")
     (folder / "in").mkdir()
     points = landmarks_of(*known_face(), POSE)
-    rest = landmarks_of(np.zeros(11), np.zeros(14), POSE)
+    rest = landmarks_of(np.zeros(11), np.zeros(len(EAUS)), POSE)
     for number, name in enumerate(("a.png", "b c.png")):
         write_picture(folder / "in" / name, number)
     write_csv(folder / "given.csv", {"a.png": points, "b c.png": rest})

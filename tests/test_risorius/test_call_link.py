@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from processes import one_line
 
+from protocol.endpoint import DEVICE_SCHEMES
+from protocol.link.carriers import DEVICE_CARRIERS
 from protocol.link.interface import LinkOptions
 from protocol.security.invitation import Invitation, parse_invitation
 from risorius.cli import main
@@ -105,6 +107,18 @@ def test_only_loopback_and_insecure_go_without_and_say_so_once(
     assert capsys.readouterr().err == f"this call is not encrypted: {reason}\n"
     assert link_of(*arguments, "--quiet") == link
     assert capsys.readouterr().err == ""
+
+
+def test_a_device_gets_an_invitation_too(tmp_path: Path, capsys: Capture) -> None:
+    path = tmp_path / "invitation"
+    link = link_of("--listen", "serial//dev/ttyS0", "--invite-file", str(path))
+    assert "(and --connect serial/DEVICE)" in capsys.readouterr().err
+    other = link_of("--connect", "serial//dev/ttyS1", "--invite-file", str(path))
+    assert other.security.key == link.security.key and other.call == link.call
+
+
+def test_each_device_has_a_carrier() -> None:
+    assert set(DEVICE_CARRIERS) == set(DEVICE_SCHEMES)
 
 
 def test_a_file_that_is_named_for_the_invitation_gets_one_on_this_host_too(

@@ -1,3 +1,4 @@
+import { EAUS } from "../../model/parameters.js";
 import { AdaptiveIntegers } from "../entropy/adaptive_models.js";
 import { RangeDecoder } from "../entropy/range_decoder.js";
 import { checkShortest } from "../entropy/shortest_bytes.js";
@@ -20,7 +21,7 @@ import { parseMap } from "../message_pack.js";
 
 /** Parameters of motion, and with them the EAUs. */
 export const MOTION = 6;
-export const GEOMETRY = 20;
+export const GEOMETRY = MOTION + EAUS;
 /** Kinds of prediction. */
 export const KINDS = 5;
 const MAX_MODES = 64;
