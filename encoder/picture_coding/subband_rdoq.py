@@ -19,6 +19,7 @@ from protocol.pictures.coefficient_context import (
     SMALL_BAND,
     TILE,
     context_offsets,
+    tile_grid,
 )
 from protocol.pictures.probability_model import BandPosition, probability_models
 from protocol.pictures.subband_pyramid import RECONSTRUCTION_BIAS
@@ -74,7 +75,7 @@ def quantise_subband(
     context_bands: (len(ContextBand), h, w), see `coefficient_context.ContextBand`.
     """
     height, width = coefficients.shape
-    tile_context, _ = context_offsets(-(-height // TILE), -(-width // TILE))
+    tile_context, _ = context_offsets(*tile_grid(coefficients.shape))
     magnitude_context, sign_context = context_offsets(height, width)
     models = probability_models()
     fields = position.kind, position.plane, position.level, position.orientation, position.pictures

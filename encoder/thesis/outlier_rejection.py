@@ -32,6 +32,8 @@ def robust_residuals(
     rigid = H.shape[1]
     normal, right = prior_normal.copy(), prior_right.copy()
     robust = weight
+    # No solver of `gauss_newton`: the problem is linear and starts at 0 in each round; only the
+    # weights change.
     for _ in range(IRLS_ROUNDS):
         # The gain in information form: the inverse is small, whatever the number of points.
         weighted = H.T * robust

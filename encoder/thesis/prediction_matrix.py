@@ -150,6 +150,8 @@ class PredictionMatrixFitter(TexelFitter):
         template = observation.target.template
         modes = start.modes if len(start.modes) == whole else np.zeros(whole)
         best = self._render(target, with_coefficients(start, modes, len(template.modes)))
+        # No solver of `gauss_newton`: steps come from training, without equations that could be
+        # damped; a step that is too long is shortened instead.
         for _ in range(iterations):
             step = self._predicted_step(view, target, best, free)
             before = best
