@@ -21,6 +21,7 @@ import cv2
 import hypothesis
 import numpy as np
 import pytest
+from disc_film import make_disc_film
 from shots import Shots, draw, draw_shots, talking
 
 from benchmarks.browser import find_browser
@@ -226,6 +227,14 @@ def recorded_call(talking_clip: Path, make_once: MakeOnce) -> Path:
         encode(options, lambda done, total: None, lambda: False)
 
     return make_once("recorded_call", encode_recorded) / "call.rzo"
+
+
+@pytest.fixture(scope="session")
+def disc_film(carphone: Path, make_once: MakeOnce) -> Path:
+    """The demo clip with a disc held before the collar, see `disc_film`."""
+    return make_once("disc", lambda folder: make_disc_film(carphone, folder / "disc.mkv")) / (
+        "disc.mkv"
+    )
 
 
 @pytest.fixture(scope="session")

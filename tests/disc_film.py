@@ -16,7 +16,7 @@ FRAMES, BITRATE = 41, 12_000
 SEEN, X, Y, RADIUS = range(16, 32), 70, 118, 14
 
 
-def disc_film(carphone: Path, path: Path) -> Path:
+def make_disc_film(carphone: Path, path: Path) -> None:
     """Make the film of a clip of 176x144 pixels at 25/s."""
     with open_source(str(carphone)) as capture, open_sink(path, 176, 144, exact_fps(25)) as sink:
         for index, picture in capture:
@@ -26,7 +26,6 @@ def disc_film(carphone: Path, path: Path) -> Path:
             if index in SEEN:
                 cv2.circle(shown, (X, Y), RADIUS, (40, 200, 240), -1)
             sink.write(shown)
-    return path
 
 
 def pictures(path: Path) -> list[Picture]:

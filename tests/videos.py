@@ -14,6 +14,8 @@ from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
 from shared_model.arrays import Picture
 
+ENDLESS_FPS = 5
+
 
 def copy_frames(source: Path, target: Path, count: int, matrix: str = "bt601") -> None:
     """Write the first frames of a video as a video of its own."""
@@ -34,16 +36,16 @@ def read_frames(path: Path) -> list[Picture]:
 class EndlessVideo:
     """A pipe with the pictures of a video over and over again, until `end` is called.
 
-    What reads it has not come to its end before a test is ready, however slow the test is.
+    What reads it has not come to its end before a test is ready, however slow the test is; at its
+    own rate, which is low: what is encoded and drawn while other programs start is of no use.
     count: pictures that have been written.
     """
 
     def __init__(self, source: Path, pipe: Path) -> None:
         with open_source(str(source)) as capture:
-            rate = capture.fps.numerator, capture.fps.denominator
             size = capture.width, capture.height
             self._frames = [cv2.cvtColor(frame, cv2.COLOR_BGR2YUV_I420) for _, frame in capture]
-        self._head = b"YUV4MPEG2 W%d H%d F%d:%d Ip A1:1 C420jpeg\n" % (*size, *rate)
+        self._head = b"YUV4MPEG2 W%d H%d F%d:1 Ip A1:1 C420jpeg\n" % (*size, ENDLESS_FPS)
         self.path, self.count, self._ending = pipe, 0, Event()
         os.mkfifo(pipe)
 

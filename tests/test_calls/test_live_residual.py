@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from call_contents import packets_of, raw_packets
-from disc_film import BITRATE, FRAMES, around_disc, decoded, disc_film, pictures, psnr
+from conftest import without_layers
+from disc_film import BITRATE, FRAMES, around_disc, decoded, pictures, psnr
 
 from decoder.drawn_call import draw_call
 from encoder.calls.live_residual import PATIENCE, RETRY_INTERVAL, LiveResidual
@@ -30,30 +31,25 @@ from protocol.summary import summarise
 from shared_model.errors import UserError
 
 
-@pytest.fixture(scope="module")
-def film(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return disc_film(carphone, tmp_path_factory.mktemp("disc") / "disc.mkv")
-
-
-def send(film: Path, call: Path, draw: DrawCall | None) -> list[str]:
-    """Send the film live, as fast as it can be read; returns the warnings."""
+def send(film: Path, call: Path, draw: DrawCall | None, frames: int | None = None) -> list[str]:
+    """Send the film, or its first frames, live, as fast as it can be read; returns the warnings."""
     options = EncodeOptions(
-        str(film), call, bitrate=BITRATE, model_bytes=9000, live=True, draw=draw
+        str(film), call, bitrate=BITRATE, model_bytes=9000, live=True, draw=draw, max_frames=frames
     )
     return list(encode(options, lambda *_: None, lambda: False).warnings)
 
 
 @pytest.fixture(scope="module")
-def call(film: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def call(disc_film: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("live") / "call.rzo"
-    assert not any("residual" in warning for warning in send(film, path, draw_call))
+    assert not any("residual" in warning for warning in send(disc_film, path, draw_call))
     return path
 
 
-def test_what_the_model_does_not_know_is_seen(film: Path, call: Path, tmp_path: Path) -> None:
+def test_what_the_model_does_not_know_is_seen(disc_film: Path, call: Path, tmp_path: Path) -> None:
     plain = tmp_path / "plain.rzo"
-    send(film, plain, None)
-    source = pictures(film)
+    send(disc_film, plain, None)
+    source = pictures(disc_film)
     (shown, report), (without, _) = decoded(call, tmp_path), decoded(plain, tmp_path)
     assert len(shown) == len(source) == FRAMES and not report.warnings
     assert psnr(shown, source) > psnr(without, source) + 2
@@ -68,15 +64,20 @@ def test_all_versions_of_the_model_have_it_and_the_rate_holds(call: Path) -> Non
     assert len(models) > 1 and all(model.call.has_residual for model in models)
 
 
-def test_where_nothing_can_be_drawn_the_call_goes_on_without(film: Path, tmp_path: Path) -> None:
+def test_where_nothing_can_be_drawn_the_call_goes_on_without(
+    disc_film: Path, tmp_path: Path
+) -> None:
     def cannot(stream: object, wants: object) -> Generator[DrawnPicture, None, None]:
         yield from ()
         raise UserError("no EGL here")
 
     path = tmp_path / "plain.rzo"
-    warnings = send(film, path, cannot)
+    # Of one frame, then twice of eight.
+    frames = 17
+    with without_layers():
+        warnings = send(disc_film, path, cannot, frames)
     assert sum("no EGL here" in warning for warning in warnings) == 1
-    assert summarise(path).complete and len(decoded(path, tmp_path)[0]) == FRAMES
+    assert summarise(path).complete and len(decoded(path, tmp_path)[0]) == frames
 
 
 def faces_of(call: Path) -> tuple[ModelPacket, list[bytes]]:
@@ -89,9 +90,9 @@ def faces_of(call: Path) -> tuple[ModelPacket, list[bytes]]:
     return model, [split_payload(each.payload)[1] for each in own if isinstance(each, FramePacket)]
 
 
-def test_a_process_of_its_own_codes_the_same(film: Path, call: Path) -> None:
+def test_a_process_of_its_own_codes_the_same(disc_film: Path, call: Path) -> None:
     model, faces = faces_of(call)
-    source, size = pictures(film), (model.call.width, model.call.height)
+    source, size = pictures(disc_film), (model.call.width, model.call.height)
     told = list[str]()
     workers = (
         LocalResidual(draw_call, size, 12_000),
@@ -199,9 +200,9 @@ def test_a_worker_that_is_too_slow_is_asked_less_often() -> None:
     assert [task.was_sent for task in worker.tasks] == [True] + [False] * (PATIENCE + 1)
 
 
-def test_a_frame_without_a_source_differs_as_the_nearest_does(film: Path, call: Path) -> None:
+def test_a_frame_without_a_source_differs_as_the_nearest_does(disc_film: Path, call: Path) -> None:
     model, faces = faces_of(call)
-    source, blocks = pictures(film), list[bytes]()
+    source, blocks = pictures(disc_film), list[bytes]()
     for known in (range(8), range(0, 8, 2)):
         drawing = CallDrawing(draw_call, (model.call.width, model.call.height), 40_000)
         drawing.see(serialise(model))

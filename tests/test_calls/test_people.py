@@ -21,7 +21,7 @@ from shared_model.arrays import Picture
 
 WIDTH, HEIGHT = 320, 240
 PERSON_GONE = ControlKind.PERSON_GONE
-FIRST, GAP, SECOND = 24, 15, 34
+FIRST, GAP, SECOND = 16, 15, 34
 # Of a second person whose model is learned from the whole recording.
 FEW = 16
 # The face of the one in place of that of the other gives less, the right one more, dB.

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from call_contents import packets_of, raw_packets
 from conftest import without_layers
-from disc_film import BITRATE, FRAMES, around_disc, decoded, disc_film, pictures, psnr
+from disc_film import BITRATE, FRAMES, around_disc, decoded, pictures, psnr
 
 from decoder.drawn_call import draw_call
 from decoder.sinks.frame_sink import open_sink
@@ -35,15 +35,10 @@ Passed = tuple[EncodeRun, RecordedPass]
 
 
 @pytest.fixture(scope="module")
-def film(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return disc_film(carphone, tmp_path_factory.mktemp("disc") / "disc.mkv")
-
-
-@pytest.fixture(scope="module")
-def passed(film: Path) -> Iterator[Passed]:
+def passed(disc_film: Path) -> Iterator[Passed]:
     """After both passes over the film: what can be sent with a residual and without."""
-    options = EncodeOptions(str(film), bitrate=BITRATE, model_bytes=9000, draw=draw_call)
-    with open_source(str(film)) as source:
+    options = EncodeOptions(str(disc_film), bitrate=BITRATE, model_bytes=9000, draw=draw_call)
+    with open_source(str(disc_film)) as source:
         run = EncodeRun(options, source, SessionStats(), UNTOLD)
         yield run, first_and_second_pass(run)
 
@@ -70,12 +65,12 @@ def call(passed: Passed, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_what_the_model_does_not_know_is_seen(
-    film: Path, passed: Passed, call: Path, tmp_path: Path
+    disc_film: Path, passed: Passed, call: Path, tmp_path: Path
 ) -> None:
     plain = tmp_path / "plain.rzo"
     send(passed, plain, None)
     source, (shown, _), (without, _) = (
-        pictures(film),
+        pictures(disc_film),
         decoded(call, tmp_path),
         decoded(plain, tmp_path),
     )

@@ -202,10 +202,12 @@ def test_mistakes_of_clips_are_named_with_those_of_the_other_files(
 
 
 def test_neither_a_clip_that_fails_nor_a_missed_threshold_stops_a_replay(
-    carphone: Path, noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (noise, carphone)]
-    failing = f"[[clip]]\npath = '{noise}'\nsha256 = '{sums[0]}'\nsettings.profile = 'thesis'\n"
+    no_call = tmp_path / "no_call.rzo"
+    no_call.write_text("no call")
+    sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (no_call, carphone)]
+    failing = f"[[clip]]\npath = '{no_call}'\nsha256 = '{sums[0]}'\n"
     missing = f'''
         [[clip]]
         path = "{carphone}"
@@ -218,7 +220,7 @@ def test_neither_a_clip_that_fails_nor_a_missed_threshold_stops_a_replay(
     suite = write_suite(tmp_path, failing + missing)
     assert main(["replay", str(suite), "--out", str(tmp_path), "--junit", str(junit)]) == 1
     printed = capsys.readouterr().out
-    assert printed.count("no face found") == 1
+    assert printed.count("no call file") == 1
     (missed,) = (line for line in printed.splitlines() if "MISSED" in line)
     assert "face_psnr_db" in missed
     root = ElementTree.parse(junit).getroot()
@@ -237,18 +239,20 @@ def test_the_demo_suite_passes_in_two_processes_over_zenoh(
 
 
 def test_an_interrupted_replay_keeps_the_clips_that_were_finished(
-    carphone: Path, tmp_path: Path, start: Start
+    call: Path, carphone: Path, tmp_path: Path, start: Start
 ) -> None:
-    settings = "settings = { profile = 'thesis', max_frames = 9 }\n"
-    sum_ = hashlib.sha256(carphone.read_bytes()).hexdigest()
-    clip = f"[[clip]]\npath = '{carphone}'\nsha256 = '{sum_}'\n"
-    suite, junit = write_suite(tmp_path, settings + 2 * clip), tmp_path / "junit.xml"
+    clips = [
+        f"[[clip]]\npath = '{path}'\nsha256 = '{hashlib.sha256(path.read_bytes()).hexdigest()}'\n"
+        for path in (call, carphone)
+    ]
+    settings = "settings.profile = 'thesis'\n"
+    suite, junit = write_suite(tmp_path, settings + "".join(clips)), tmp_path / "junit.xml"
     replay = start("replay", suite, "--out", tmp_path / "out", "--junit", junit)
-    wait_until((tmp_path / "out" / f"{carphone.stem}-2.encoder.log").exists, replay)
+    wait_until((tmp_path / "out" / f"{carphone.stem}.encoder.log").exists, replay)
     replay.send_signal(signal.SIGTERM)
     printed, _ = replay.communicate(timeout=LIMIT_S)
     assert replay.returncode == 130
-    assert carphone.name in printed
+    assert call.name in printed
     assert (tmp_path / "out" / "report.json").exists() and not junit.exists()
 
 
