@@ -13,9 +13,9 @@ from protocol.picture_residual.framing import join_payload
 from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
-# After so many packets in a row whose residual came too late, or not at all, only one in so many is
-# tried: a worker that is too slow would work for nothing.
-PATIENCE, RETRY_INTERVAL = 4, 16
+# A worker that is too slow works for nothing: after each residual in a row that came too late, none
+# is asked for for twice as many packets, 0, 1, 3 ..., so many at most.
+MAX_PAUSE = 15
 
 
 class LiveResidual:
@@ -31,7 +31,7 @@ class LiveResidual:
         self._sources = dict[int, Picture]()
         self._coded: Future[bytes] | None = None
         self._has_failed, self._was_sent = False, True
-        self._packets = self._missed_in_a_row = 0
+        self._packets = self._late_in_a_row = self._pause = 0
         self.missed = 0
 
     def warm_up(self, model: ModelPacket, face: bytes) -> None:
@@ -53,10 +53,13 @@ class LiveResidual:
         self.add_packet(stated)
         return stated
 
-    def add_packet(self, packet: Packet) -> None:
-        """Draw with a packet, too; all are added in the order in which they are sent."""
+    def add_packet(self, packet: Packet, first_frame: int = 0) -> None:
+        """Draw with a packet, too; all are added in the order in which they are sent.
+
+        first_frame: of a frame packet.
+        """
         if not self._has_failed:
-            self._worker.see(serialise(packet))
+            self._worker.see(serialise(packet), first_frame)
 
     def add_source(self, index: int, picture: Picture) -> None:
         """Add a source frame, (h, w, 3) BGR, that shows a face, before its packet is coded."""
@@ -72,7 +75,8 @@ class LiveResidual:
         seconds: from its first frame to that of the next packet.
         has_time: whether there is time for it.
         """
-        self.add_packet(FramePacket(number % SEQUENCE_MODULUS, join_payload(b"", face)))
+        packet = FramePacket(number % SEQUENCE_MODULUS, join_payload(b"", face))
+        self.add_packet(packet, covered.start)
         sources = {i: picture for i, picture in self._sources.items() if i in covered}
         self._sources = {i: each for i, each in self._sources.items() if i >= covered.stop}
         is_busy = self._coded is not None and not self._coded.done()
@@ -81,8 +85,9 @@ class LiveResidual:
         if self._has_failed or not sources:
             return None
         self._packets += 1
-        if is_busy or not has_time or not self._is_tried:
-            self._note_missed()
+        is_paused, self._pause = self._pause > 0, max(self._pause - 1, 0)
+        if is_busy or is_paused or not has_time:
+            self.missed += 1
             return None
         task = ResidualTask(covered, sources, seconds, spent_bits(face), self._was_sent)
         self._coded, self._was_sent = self._worker.block(task), True
@@ -95,19 +100,13 @@ class LiveResidual:
         """
         if coded is not None and not coded.done():
             self._was_sent = False
-            self._note_missed()
+            self.missed += 1
+            self._pause = min(2**self._late_in_a_row - 1, MAX_PAUSE)
+            self._late_in_a_row += 1
             return join_payload(b"", face)
         if coded is not None:
-            self._missed_in_a_row = 0
+            self._late_in_a_row = 0
         return join_payload(self._block_of(coded), face)
-
-    @property
-    def _is_tried(self) -> bool:
-        """Whether the next packet's residual may come in time."""
-        return self._missed_in_a_row < PATIENCE or not self._missed_in_a_row % RETRY_INTERVAL
-
-    def _note_missed(self) -> None:
-        self.missed, self._missed_in_a_row = self.missed + 1, self._missed_in_a_row + 1
 
     def _block_of(self, coded: "Future[bytes] | None") -> bytes:
         """What is coded, and done; nothing if that has failed, which is told once."""

@@ -1,19 +1,15 @@
 """Draws a live call as far as it is known, and codes what its pictures lack."""
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from io import BytesIO
-from itertools import islice
 
 import numpy as np
 
 from encoder.residual.draw_call import DrawCall
+from encoder.residual.drawing_thread import DrawingThread
 from encoder.residual.residual_encoder import ResidualEncoder
-from protocol.call_file import MAGIC
-from protocol.call_records import RecordWriter
 from protocol.picture_residual.drawn_picture import DrawnPicture
 from shared_model.arrays import Picture, Single
-from shared_model.errors import UserError
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,32 +32,29 @@ class ResidualTask:
 
 
 class CallDrawing:
-    """The pictures of a call whose packets come one by one.
+    """The pictures of a call whose packets come one by one, and what they lack.
 
-    draw: gets a stream that grows, at the first task, and is asked for no more pictures than its
-        packets have.
+    draw: see `DrawingThread`.
     size: of the pictures, (width, height).  bitrate: of frame packets, bits a second.
     """
 
     def __init__(self, draw: DrawCall, size: tuple[int, int], bitrate: float) -> None:
-        self._stream, self._records = _GrowingStream(), RecordWriter()
-        self._stream.append(MAGIC)
-        self._draw = draw
-        self._drawn: Generator[DrawnPicture, None, None] | None = None
-        self._wanted = range(0)
+        self._thread = DrawingThread(draw)
         self._encoder = ResidualEncoder(bitrate, *size)
 
-    def see(self, packet: bytes) -> None:
-        """Take the next packet of the call, a frame packet without residual."""
-        self._stream.append(self._records.record(packet))
+    def see(self, packet: bytes, first_frame: int = 0) -> None:
+        """Take the next packet of the call, a frame packet without residual.
+
+        first_frame: of a frame packet.
+        """
+        self._thread.see(packet, first_frame)
 
     def block(self, task: ResidualTask) -> bytes:
         """The residual of the packet that was seen last; empty: it has none.
 
         Raises `UserError` if the call cannot be drawn.
         """
-        self._wanted = task.covered
-        drawn = self._wanted_pictures()
+        drawn = self._thread.pictures(task.covered)
         if not task.was_sent:
             self._encoder.take_back()
         differences = _differences(drawn, task.sources)
@@ -70,20 +63,7 @@ class CallDrawing:
 
     def close(self) -> None:
         """Free what draws."""
-        if self._drawn is not None:
-            self._drawn.close()
-
-    def _wanted_pictures(self) -> list[DrawnPicture]:
-        """As many as the stream has: to ask for more would end it."""
-        if self._drawn is None:
-            # Those after the wanted ones, which a packet about the face may have brought, are drawn
-            # when they are asked for.
-            self._drawn = self._draw(self._stream, lambda index: index >= self._wanted.start)
-        wanted = (each for each in self._drawn if each.index in self._wanted)
-        found = list(islice(wanted, len(self._wanted)))
-        if len(found) < len(self._wanted):
-            raise UserError("the call cannot be drawn as far as it is known")
-        return found
+        self._thread.close()
 
 
 def _differences(drawn: Sequence[DrawnPicture], sources: Mapping[int, Picture]) -> list[Single]:
@@ -95,14 +75,3 @@ def _differences(drawn: Sequence[DrawnPicture], sources: Mapping[int, Picture]) 
     }
     order = np.array(list(known))
     return [known[order[np.abs(order - each.index).argmin()]] for each in drawn]
-
-
-class _GrowingStream(BytesIO):
-    """Holds what has been appended and not been read."""
-
-    def append(self, data: bytes) -> None:
-        rest = self.read()
-        self.seek(0)
-        self.truncate()
-        self.write(rest + data)
-        self.seek(0)

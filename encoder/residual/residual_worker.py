@@ -24,7 +24,7 @@ class ResidualWorker(Protocol):
         loops and a GL context.
         """
 
-    def see(self, packet: bytes) -> None:
+    def see(self, packet: bytes, first_frame: int = 0) -> None:
         """See `CallDrawing`."""
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
@@ -55,9 +55,9 @@ class LocalResidual:
                 drawing.see(packet)
             drawing.block(ResidualTask(range(1), {0: grey}, 1.0, 0.0))
 
-    def see(self, packet: bytes) -> None:
+    def see(self, packet: bytes, first_frame: int = 0) -> None:
         """See `CallDrawing`."""
-        self._drawing.see(packet)
+        self._drawing.see(packet, first_frame)
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
         """See `CallDrawing`."""
@@ -103,9 +103,9 @@ class ResidualProcess:
             self._begun.result()
             self._calls.call_awaited("warm_up", packets).result()
 
-    def see(self, packet: bytes) -> None:
+    def see(self, packet: bytes, first_frame: int = 0) -> None:
         """See `CallDrawing`."""
-        self._calls.call("see", packet)
+        self._calls.call("see", packet, first_frame)
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
         """See `ResidualWorker`; a `ChildProcessError` if the process is gone."""
@@ -127,9 +127,9 @@ class _Server:
         assert self._worker is not None
         self._worker.warm_up(packets)
 
-    def see(self, packet: bytes) -> None:
+    def see(self, packet: bytes, first_frame: int = 0) -> None:
         assert self._worker is not None
-        self._worker.see(packet)
+        self._worker.see(packet, first_frame)
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
         assert self._worker is not None

@@ -13,7 +13,7 @@ from conftest import without_layers
 from disc_film import BITRATE, FRAMES, around_disc, decoded, pictures, psnr
 
 from decoder.drawn_call import draw_call
-from encoder.calls.live_residual import PATIENCE, RETRY_INTERVAL, LiveResidual
+from encoder.calls.live_residual import LiveResidual
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.send_queue import MAX_WAIT_S
 from encoder.calls.session_stats import SessionStats
@@ -21,6 +21,7 @@ from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.residual.call_drawing import CallDrawing, ResidualTask
 from encoder.residual.draw_call import DrawCall
+from encoder.residual.drawing_thread import DrawingThread
 from encoder.residual.residual_worker import LocalResidual, ResidualProcess
 from protocol.call_file import CallWriter
 from protocol.model_packet import ModelPacket
@@ -135,7 +136,7 @@ class SlowWorker:
     def warm_up(self, packets: Sequence[bytes]) -> None:
         pass
 
-    def see(self, packet: bytes) -> None:
+    def see(self, packet: bytes, first_frame: int = 0) -> None:
         pass
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
@@ -184,20 +185,44 @@ def test_packets_wait_in_order_and_not_for_long(tmp_path: Path) -> None:
     assert any("3 of 4 packets have no picture residual" in warning for warning in stats.warnings)
 
 
-def test_a_worker_that_is_too_slow_is_asked_less_often() -> None:
-    worker = SlowWorker()
+def test_a_worker_that_is_too_slow_is_asked_less_often_until_it_is_in_time() -> None:
+    worker, asked = SlowWorker(), list[int]()
     residual = LiveResidual(worker, lambda _: None)
     picture = np.zeros((48, 64, 3), np.uint8)
-    for number in range(2 * RETRY_INTERVAL + 1):
+    for number in range(32):
         residual.add_source(number, picture)
         covered = range(number, number + 1)
         coded = residual.begin_packet(number, b"face", covered, 0.3, has_time=True)
+        if coded is not None and number >= 12:
+            coded.set_result(b"in time")
         residual.payload(coded, b"face")
         if coded is not None:
-            coded.set_result(b"late")
-    assert len(worker.tasks) == PATIENCE + 2
+            asked.append(number)
+            if not coded.done():
+                coded.set_result(b"late")
+    assert asked == [0, 1, 3, 7, *range(15, 32)]
+    assert residual.missed == 15
     # What came too late was not paid for.
-    assert [task.was_sent for task in worker.tasks] == [True] + [False] * (PATIENCE + 1)
+    was_sent = [task.was_sent for task in worker.tasks]
+    assert was_sent == [True] + [False] * 4 + [True] * 16
+
+
+def test_what_comes_while_the_worker_is_busy_is_no_reason_to_wait() -> None:
+    worker = SlowWorker()
+    residual = LiveResidual(worker, lambda _: None)
+    picture = np.zeros((48, 64, 3), np.uint8)
+
+    def begin(number: int) -> "Future[bytes] | None":
+        residual.add_source(number, picture)
+        covered = range(number, number + 1)
+        return residual.begin_packet(number, b"face", covered, 0.3, has_time=True)
+
+    first = begin(0)
+    assert first is not None
+    residual.payload(first, b"face")
+    assert all(begin(number) is None for number in range(1, 10))
+    first.set_result(b"late")
+    assert begin(10) is not None
 
 
 def test_a_frame_without_a_source_differs_as_the_nearest_does(disc_film: Path, call: Path) -> None:
@@ -215,3 +240,27 @@ def test_a_frame_without_a_source_differs_as_the_nearest_does(disc_film: Path, c
         drawing.close()
     sizes = [len(block) for block in blocks]
     assert 0 < sizes[1] < 1.1 * sizes[0]
+
+
+def test_pictures_that_no_packet_has_are_not_waited_for(call: Path) -> None:
+    model, faces = faces_of(call)
+    drawing = DrawingThread(draw_call)
+    drawing.see(serialise(model))
+    drawing.see(serialise(FramePacket(0, join_payload(b"", faces[0]))), 0)
+    with pytest.raises(UserError, match="as far as it is known"):
+        drawing.pictures(range(2))
+    # Of these frames nobody has asked for the first ones.
+    for number in (1, 2):
+        covered = covered_frames(model.call, number, 8)
+        drawing.see(serialise(FramePacket(number, join_payload(b"", faces[number]))), covered.start)
+    assert [each.index for each in drawing.pictures(covered)] == list(covered)
+    drawing.close()
+
+
+def test_a_call_that_cannot_be_drawn_says_so_each_time() -> None:
+    drawing = DrawingThread(draw_call)
+    drawing.see(b"no packet")
+    for _ in range(2):
+        with pytest.raises(UserError):
+            drawing.pictures(range(1))
+    drawing.close()

@@ -1,0 +1,139 @@
+"""Draws a live call in a thread, packet by packet as they are seen.
+
+What a packet says of the model is decoded as soon as it is seen, before a picture needs it.
+"""
+
+from contextlib import closing
+from io import BytesIO
+from threading import Condition, Thread
+
+from encoder.residual.draw_call import DrawCall
+from protocol.call_file import MAGIC
+from protocol.call_records import RecordWriter
+from protocol.picture_residual.drawn_picture import DrawnPicture
+from shared_model.errors import UserError
+
+
+class DrawingThread:
+    """The pictures of a call whose packets come one by one.
+
+    draw: gets a stream that grows.
+    """
+
+    def __init__(self, draw: DrawCall) -> None:
+        self._draw, self._records = draw, RecordWriter()
+        self._changed = Condition()
+        self._stream = _GrowingStream(self._changed)
+        self._stream.append(MAGIC)
+        # What is asked for and not there; the first frame of the newest frame packet.
+        self._wanted, self._newest = range(0), 0
+        self._drawn = dict[int, DrawnPicture]()
+        self._error: Exception | None = None
+        self._has_ended = False
+        self._thread = Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def see(self, packet: bytes, first_frame: int = 0) -> None:
+        """Take the next packet of the call.
+
+        first_frame: of a frame packet.  Frames before it that nobody has asked for are not drawn.
+        """
+        with self._changed:
+            self._newest = max(self._newest, first_frame)
+            self._stream.append(self._records.record(packet))
+
+    def pictures(self, wanted: range) -> list[DrawnPicture]:
+        """The pictures of frames that the packets seen so far have; waits for them.
+
+        Raises `UserError` if they cannot be drawn.
+        """
+        with self._changed:
+            self._wanted = wanted
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: self._is_whole() or self._is_stuck())
+            self._wanted = range(0)
+            if self._error is not None:
+                raise self._error
+            found = [self._drawn[index] for index in wanted if index in self._drawn]
+            self._drawn = {i: each for i, each in self._drawn.items() if i >= wanted.stop}
+        if len(found) < len(wanted):
+            raise UserError("the call cannot be drawn as far as it is known")
+        return found
+
+    def close(self) -> None:
+        """Free what draws."""
+        self._stream.end()
+        self._thread.join()
+
+    def _is_whole(self) -> bool:
+        return all(index in self._drawn for index in self._wanted)
+
+    def _is_stuck(self) -> bool:
+        """Whether nothing is drawn until further packets are seen, if ever."""
+        return self._has_ended or self._stream.is_starved
+
+    def _wants(self, index: int) -> bool:
+        """Whether a frame is drawn; waits until that is known."""
+        with self._changed:
+            # Those after the wanted ones, which a packet about the face may have brought, are
+            # drawn, too: the picture of the frame before is there only then.
+            self._changed.wait_for(
+                lambda: self._wanted or index < self._newest or self._stream.has_ended
+            )
+            return bool(self._wanted) and index >= self._wanted.start
+
+    def _run(self) -> None:
+        try:
+            with closing(self._draw(self._stream, self._wants)) as drawn:
+                for each in drawn:
+                    with self._changed:
+                        self._drawn[each.index] = each
+                        self._changed.notify_all()
+        except Exception as error:  # for whoever asks for pictures
+            self._error = error
+        with self._changed:
+            self._has_ended = True
+            self._changed.notify_all()
+
+
+class _GrowingStream(BytesIO):
+    """Holds what has been appended and not been read; whoever reads waits for more.
+
+    changed: held, and told, whenever it changes.
+    """
+
+    def __init__(self, changed: Condition) -> None:
+        super().__init__()
+        self._changed, self._is_waiting = changed, False
+        self.has_ended = False
+
+    @property
+    def is_starved(self) -> bool:
+        """Whether somebody waits for more."""
+        return self._is_waiting
+
+    def append(self, data: bytes) -> None:
+        """Add to its end."""
+        with self._changed:
+            rest = super().read()
+            self.seek(0)
+            self.truncate()
+            self.write(rest + data)
+            self.seek(0)
+            self._is_waiting = False
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        """Nothing more will be appended."""
+        with self._changed:
+            self.has_ended = True
+            self._changed.notify_all()
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """As of a pipe: what is there, as soon as there is something."""
+        with self._changed:
+            while not (data := super().read(size)) and not self.has_ended:
+                self._is_waiting = True
+                self._changed.notify_all()
+                self._changed.wait_for(lambda: not self._is_waiting or self.has_ended)
+            return data
