@@ -128,9 +128,9 @@ def test_a_call_goes_on_by_itself_after_its_encoder_is_killed_and_started_again(
     decoder, encoder = going_on(start, endless, endpoint, video)
     encoder.kill()
     encoder.wait()
-    again = start("encode", carphone, "--connect", endpoint, *THESIS, "-q", "--max-frames", "20")
-    code, stderr = finish(again)
-    assert code == 0, stderr
+    with endless_video(carphone, video.with_name("again.y4m")) as again:
+        line = ["encode", str(again.path), "--connect", endpoint, *THESIS, "-q"]
+        assert main([*line, "--max-frames", "20"]) == 0, finish(decoder)
     code, stderr = finish(decoder)
     assert code == 0
     assert "the encoder has started again: 1 times" in stderr
