@@ -36,7 +36,7 @@ from protocol.picture_residual.tile_coding import (
 from runtime.jit import jit
 from shared_model.arrays import Array, Integers, Mask, Picture, Single
 
-# Squared steps per bit.
+# Squared steps per bit, of the face.
 LAGRANGIAN = 0.1
 # A value below this is zero whatever its context, steps.
 ZERO_BELOW = 0.55
@@ -51,14 +51,17 @@ class QuantisedTiles(NamedTuple):
     values: TileValues
 
 
-def quantise_tiles(values: Single, step: float, is_fine: Mask) -> QuantisedTiles:
+def quantise_tiles(
+    values: Single, step: float, is_fine: Mask, around_price: float = 1.0
+) -> QuantisedTiles:
     """Quantise the values (rows, columns, frames, `values_of_tile`) of a group.
 
     is_fine: (rows, columns) tiles with half the step.
+    around_price: how much more bits of other tiles cost.
     """
     flags = np.zeros(values.shape[:2], np.uint8)
     coded = np.zeros(values.shape, np.int16)
-    _quantise(values, step, is_fine, initial_probabilities(), BITS, flags, coded)
+    _quantise(values, step, is_fine, around_price, initial_probabilities(), BITS, flags, coded)
     return QuantisedTiles(flags, coded)
 
 
@@ -67,6 +70,7 @@ def _quantise(
     values: Single,
     step: float,
     is_fine: Mask,
+    around_price: float,
     p0: Integers,
     bits_of: Array,
     flags: Picture,
@@ -75,14 +79,23 @@ def _quantise(
     for row in range(values.shape[0]):
         for column in range(values.shape[1]):
             own_step = step / 2 if is_fine[row, column] else step
+            lagrangian = LAGRANGIAN if is_fine[row, column] else around_price * LAGRANGIAN
             around = (row > 0 and flags[row - 1, column] > 0) + (
                 column > 0 and flags[row, column - 1] > 0
             )
             flag = FLAG + (15 if around == 2 else 8 if around else 0)
-            saved = -LAGRANGIAN * (bits_of[PROBABILITY_ONE - p0[flag]] - bits_of[p0[flag]])
+            saved = -lagrangian * (bits_of[PROBABILITY_ONE - p0[flag]] - bits_of[p0[flag]])
             for plane in range(3):
                 saved += _quantise_plane(
-                    values[row, column], own_step, row, column, plane, p0, bits_of, coded
+                    values[row, column],
+                    own_step,
+                    lagrangian,
+                    row,
+                    column,
+                    plane,
+                    p0,
+                    bits_of,
+                    coded,
                 )
             if saved > 0 and np.any(coded[row, column]):
                 flags[row, column] = 2 if is_fine[row, column] else 1
@@ -94,6 +107,7 @@ def _quantise(
 def _quantise_plane(
     values: Single,
     step: float,
+    lagrangian: float,
     row: int,
     column: int,
     plane: int,
@@ -115,16 +129,28 @@ def _quantise_plane(
         if reach < 0:
             continue
         gain = _quantise_band(
-            values[time], step, row, column, time, start, kind, side, reach, p0, bits_of, coded
+            values[time],
+            step,
+            lagrangian,
+            row,
+            column,
+            time,
+            start,
+            kind,
+            side,
+            reach,
+            p0,
+            bits_of,
+            coded,
         )
-        gain -= LAGRANGIAN * (bits_of[PROBABILITY_ONE - p0[context]] - bits_of[p0[context]])
+        gain -= lagrangian * (bits_of[PROBABILITY_ONE - p0[context]] - bits_of[p0[context]])
         if gain > 0:
             saved += gain
             before = 1
         else:
             coded[row, column, time, start : start + side**2] = 0
     context = PLANE + 3 * plane
-    saved -= LAGRANGIAN * (bits_of[PROBABILITY_ONE - p0[context]] - bits_of[p0[context]])
+    saved -= lagrangian * (bits_of[PROBABILITY_ONE - p0[context]] - bits_of[p0[context]])
     if saved <= 0:
         coded[row, column, :, start : start + side**2] = 0
         return 0.0
@@ -135,6 +161,7 @@ def _quantise_plane(
 def _quantise_band(
     values: Single,
     step: float,
+    lagrangian: float,
     row: int,
     column: int,
     time: int,
@@ -160,15 +187,15 @@ def _quantise_band(
         context = zero_context(kind, time, diagonal, nearby)
         size = abs(values[start + place]) / step
         nearest = min(int(size + 0.5), 16000)
-        cost, chosen = size * size + LAGRANGIAN * bits_of[p0[context]], 0
+        cost, chosen = size * size + lagrangian * bits_of[p0[context]], 0
         if size > ZERO_BELOW:
             more = MORE + 3 * (NEARBY * kind + nearby)
             for magnitude in range(max(nearest - 1, 1), nearest + 1):
                 error = size - magnitude + BIAS
                 bits = bits_of[PROBABILITY_ONE - p0[context]] + 1
                 bits += _bits_of_magnitude(magnitude, more, p0, bits_of)
-                if error * error + LAGRANGIAN * bits < cost:
-                    cost, chosen = error * error + LAGRANGIAN * bits, magnitude
+                if error * error + lagrangian * bits < cost:
+                    cost, chosen = error * error + lagrangian * bits, magnitude
         own[start + place] = -chosen if values[start + place] < 0 else chosen
         saved += size * size - cost
         if chosen and saved > best:
@@ -178,7 +205,7 @@ def _quantise_band(
     if best_index < 0:
         return 0.0
     last = ORDERS[first + best_index]
-    return best - LAGRANGIAN * _bits_of_reach(
+    return best - lagrangian * _bits_of_reach(
         last // side + last % side, REACH + FREQUENCIES * classes, p0, bits_of
     )
 

@@ -28,6 +28,8 @@ from protocol.picture_residual.tile_coding import (
     REGISTERS,
     code_tiles,
     initial_probabilities,
+    plane_start,
+    side_of,
 )
 from shared_model.arrays import Mask, Single
 
@@ -37,6 +39,10 @@ FACES_ALONE_BPS, FACES_SHARE = USUAL_UP_TO_BPS, 0.5
 SAVED_SHARE = 0.3
 # A tile is fine if this share of it is face.
 FACE_SHARE = 0.7
+# What is around a face whose luma is further off than this, squared grey levels (35 dB), costs more
+# by this power of the ratio, at most so much: something is before the face, a hand, which people
+# look at first.
+USUAL_FACE_ERROR, PRICE_POWER, MOST_PRICE = 20.0, 1.5, 16.0
 # Codes of the step: the finest, the one tried first, the coarsest; and in how many bits halve.
 FINEST, INITIAL, COARSEST = 8, 32, 44
 CODES_PER_HALVING = 2.5
@@ -107,8 +113,10 @@ class ResidualEncoder:
         if is_fine.any():
             self._put_face(values, differences, is_fine)
 
+        price = around_price(values, is_fine)
+
         def code(step_code: int) -> bytes:
-            quantised = quantise_tiles(values, step_size(step_code), is_fine)
+            quantised = quantise_tiles(values, step_size(step_code), is_fine, price)
             return serialise_tiles(ResidualTiles(step_code, *quantised))
 
         codes = range(FINEST, COARSEST + 1)
@@ -135,6 +143,18 @@ class ResidualEncoder:
         pixels = tuple(slice(side * each.start, side * each.stop) for each in window)
         of_face = forward_transform([each[pixels] for each in differences], side)
         values[window][is_fine[window]] = of_face[is_fine[window]]
+
+
+def around_price(values: Single, is_fine: Mask) -> float:
+    """How much more a bit around the face must gain than one in it.
+
+    values: (rows, columns, frames, `values_of_tile`).  is_fine: (rows, columns) tiles of the face.
+    """
+    if not is_fine.any():
+        return 1.0
+    luma = values[is_fine][..., : plane_start(1, side_of(values.shape[-1]))]
+    error = float(np.mean(luma**2))
+    return float(np.clip((error / USUAL_FACE_ERROR) ** PRICE_POWER, 1.0, MOST_PRICE))
 
 
 def _bits_of(data: bytes) -> int:

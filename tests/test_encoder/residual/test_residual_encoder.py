@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 
-from encoder.residual.residual_encoder import ResidualEncoder, faces_bitrate, has_residual
+from encoder.residual.forward_transform import forward_transform
+from encoder.residual.residual_encoder import (
+    MOST_PRICE,
+    ResidualEncoder,
+    around_price,
+    faces_bitrate,
+    has_residual,
+)
 from protocol.picture_residual.inverse_transform import ResidualPictures
-from protocol.picture_residual.residual_block import parse_tiles
+from protocol.picture_residual.residual_block import parse_tiles, tile_side
 from protocol.pictures.picture_codec import to_luma
 
 WIDTH, HEIGHT, FRAMES = 160, 128, 8
@@ -60,6 +67,26 @@ def test_the_face_is_finer_than_what_is_around_it() -> None:
     data = encoder.encode(differences(1), FACE, SECONDS, 0)
     flags = parse_tiles(data, WIDTH, HEIGHT, FRAMES).flags
     assert (flags[6:10, 7:13] == 2).all() and not (flags[:, -1] == 2).any()
+
+
+def test_what_is_before_a_face_gets_the_bits_of_what_is_around_it() -> None:
+    # The same around the face, ever more in it.
+    rng, shares, prices = np.random.default_rng(2), list[float](), list[float]()
+    around = rng.normal(0, 30, (HEIGHT // 16, WIDTH // 16, 1)) * np.ones((1, 1, 3))
+    grown = np.kron(around, np.ones((16, 16, 1))) * (1 - AREA[..., None])
+    hand = np.zeros_like(grown)
+    hand[60:100, 60:100] = 1
+    for level in (2, 12, 60):
+        wanted = [(grown + level * hand).astype(np.float32)] * FRAMES
+        values = forward_transform(wanted, tile_side(WIDTH, HEIGHT))
+        is_fine = np.zeros(values.shape[:2], np.bool_)
+        is_fine[6:10, 7:13] = True
+        prices.append(around_price(values, is_fine))
+        data = ResidualEncoder(6000, WIDTH, HEIGHT).encode(wanted, FACE, SECONDS, 0)
+        flags = parse_tiles(data, WIDTH, HEIGHT, FRAMES).flags
+        shares.append(float((flags == 2).sum() / (flags > 0).sum()))
+    assert prices[0] == 1 and 1 < prices[1] < prices[2] == MOST_PRICE
+    assert shares == sorted(shares) and shares[2] > shares[0] + 0.2
 
 
 def test_without_bits_there_is_none() -> None:
