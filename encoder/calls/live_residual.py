@@ -11,7 +11,6 @@ from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, Packet, serialise
 from protocol.picture_residual.framing import join_payload
 from shared_model.arrays import Picture
-from shared_model.errors import UserError
 
 # A worker that is too slow works for nothing: after each residual in a row that came too late, none
 # is asked for for twice as many packets, 0, 1, 3 ..., so many at most.
@@ -114,10 +113,10 @@ class LiveResidual:
             return b""
         try:
             return coded.result()
-        except UserError as error:
-            self._warn(f"without a picture residual: {error}")
         except ChildProcessError:
             pass  # has been told when the process ended
+        except Exception as error:  # of what draws: the call goes on without it
+            self._warn(f"without a picture residual: {error}")
         self._has_failed = True
         return b""
 

@@ -64,7 +64,7 @@ class LocalResidual:
         result = Future[bytes]()
         try:
             result.set_result(self._drawing.block(task))
-        except UserError as error:
+        except Exception as error:  # for whoever waits for it
             result.set_exception(error)
         return result
 

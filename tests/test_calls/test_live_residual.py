@@ -65,12 +65,13 @@ def test_all_versions_of_the_model_have_it_and_the_rate_holds(call: Path) -> Non
     assert len(models) > 1 and all(model.call.has_residual for model in models)
 
 
+@pytest.mark.parametrize("error", [UserError, ValueError])
 def test_where_nothing_can_be_drawn_the_call_goes_on_without(
-    disc_film: Path, tmp_path: Path
+    disc_film: Path, tmp_path: Path, error: type[Exception]
 ) -> None:
     def cannot(stream: object, wants: object) -> Generator[DrawnPicture, None, None]:
         yield from ()
-        raise UserError("no EGL here")
+        raise error("no EGL here")
 
     path = tmp_path / "plain.rzo"
     # Of one frame, then twice of eight.
