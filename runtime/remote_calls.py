@@ -36,6 +36,8 @@ class RemoteCalls:
         self._stream, self._on_failure = ObjectStream(ours, shared), on_failure
         self._numbers, self._waiting = count(), dict[int, Future[Any]]()
         self._is_closing = self._has_ended = False
+        # Reason why this process has ended the other one.
+        self._why_ended: str | None = None
         # Results that somebody waits for: they fail when the process ends.
         self._ending, self._awaited = threading.Lock(), list[Future[Any]]()
         # Objects are put together and sent in a thread of their own.
@@ -82,8 +84,10 @@ class RemoteCalls:
             # A process that is gone is noticed where its results are received.
             return
         except Exception as error:
-            # An argument that cannot be pickled.
-            self._fail(f"the {self._name} cannot be asked ({error!r})")
+            # An argument that cannot be pickled.  Told where results are received: only that thread
+            # settles results.
+            self._why_ended = f"the {self._name} cannot be asked ({error!r})"
+            self._process.kill()
 
     def _receive(self) -> None:
         try:
@@ -96,8 +100,10 @@ class RemoteCalls:
                     future.set_exception(error)
                 else:
                     self._fail(f"the {self._name} has failed ({error})")
+                    return
         except EOFError:
-            self._fail(f"the {self._name} has ended ({self._process.wait()})")
+            code = self._process.wait()
+            self._fail(self._why_ended or f"the {self._name} has ended ({code})")
         except Exception as error:
             # Whatever unpickling raises.
             self._fail(f"what the {self._name} has sent cannot be read ({error!r})")

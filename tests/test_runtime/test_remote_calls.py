@@ -47,3 +47,16 @@ def test_a_failure_is_told_once_and_whoever_asks_goes_on(
         calls.close()
     with pytest.raises(Empty):
         lines.get(timeout=0.1)
+
+
+def test_results_under_way_end_when_a_later_call_cannot_be_sent() -> None:
+    lines = SimpleQueue[str]()
+    calls = RemoteCalls("failing_object", lines.put)
+    try:
+        results = [calls.call_awaited("add", each) for each in range(300)]
+        calls.call("add", threading.Lock())
+        errors = [result.exception(LIMIT_S) for result in results]
+        assert all(isinstance(error, ChildProcessError | None) for error in errors)
+        assert "cannot be asked" in lines.get(timeout=LIMIT_S)
+    finally:
+        calls.close()
