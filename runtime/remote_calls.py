@@ -124,18 +124,26 @@ def answer_calls(descriptor: int, target: object, shared: Shared | None = None) 
     """Call the methods of an object as another process asks at the other end of a socket.
 
     descriptor: of the socket.  Methods that return a `Future` are answered when it is done; the
-    next one is called at once.  Returns when the other process is gone.
+    next one is called at once.  A result that cannot be pickled counts as a failure.  Returns when
+    the other process is gone.
     """
     stream, lock = ObjectStream(socket.socket(fileno=descriptor), shared), threading.Lock()
 
     def reply(number: int, result: object, error: BaseException | None) -> None:
+        # If the other process is gone, nobody waits for this.
         with lock, suppress(OSError):
-            stream.send((number, result, error))
+            try:
+                stream.send((number, result, error))
+            except OSError:
+                raise
+            except Exception as unsendable:
+                # A result that cannot be pickled: whoever waits for it must hear of it.
+                stream.send((number, None, ChildProcessError(repr(unsendable))))
 
-    def answer(number: int, done: "Future[Any]") -> None:
+    def answer(number: int, method: str, done: "Future[Any]") -> None:
         error = done.exception()
         if error is not None and not isinstance(error, UserError):
-            _log.info("call %d has failed", number, exc_info=error)
+            _log.info("%s has failed", method, exc_info=error)
             # Not every error can be sent.
             error = ChildProcessError(repr(error))
         reply(number, None if error else done.result(), error)
@@ -145,6 +153,6 @@ def answer_calls(descriptor: int, target: object, shared: Shared | None = None) 
             number, method, arguments = stream.receive()
             result = getattr(target, method)(*arguments)
             if isinstance(result, Future):
-                result.add_done_callback(partial(answer, number))
+                result.add_done_callback(partial(answer, number, method))
             else:
                 reply(number, None, None)

@@ -1,5 +1,6 @@
 """An object in a process of its own whose methods fail in the ways that there are."""
 
+import threading
 from concurrent.futures import Future
 
 from runtime.remote_calls import answer_calls
@@ -29,6 +30,18 @@ class Failing:
     def mistake(self) -> "Future[int]":
         """A mistake of the user, and the word for it."""
         return failed(UserError("no face", NO_FACE))
+
+    def unsendable(self) -> "Future[object]":
+        """What cannot be pickled."""
+        done = Future[object]()
+        done.set_result(threading.Lock())
+        return done
+
+    def unsendable_mistake(self) -> "Future[int]":
+        """A mistake of the user that cannot be pickled."""
+        error = UserError("no face", NO_FACE)
+        error.culprit = threading.Lock()  # type: ignore[attr-defined]
+        return failed(error)
 
     def unreadable(self) -> "Future[int]":
         """What cannot be unpickled."""

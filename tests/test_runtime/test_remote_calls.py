@@ -25,6 +25,8 @@ def test_results_and_mistakes_of_the_user_are_for_whoever_asks() -> None:
     ("method", "arguments", "said"),
     [
         ("fault", (), "the failing object has failed (ArithmeticError('of ours'))"),
+        ("unsendable", (), "the failing object has failed (TypeError("),
+        ("unsendable_mistake", (), "the failing object has failed (TypeError("),
         ("unreadable", (), "what the failing object has sent cannot be read"),
         ("crash", (), "the failing object has ended (1)"),
         ("add", (threading.Lock(),), "the failing object cannot be asked (TypeError"),
