@@ -38,8 +38,8 @@ SHARED = {"generic head": generic_head, "head with surround": head_with_surround
 class LearningProcess:
     """A `Learner` in a process of its own.
 
-    on_failure: called once with a line if the process ends by itself or cannot be understood;
-        nothing more is learned.
+    on_failure: called once with a line if the process ends by itself, cannot be understood or
+        fails; nothing more is learned.
     """
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
@@ -63,8 +63,8 @@ class LearningProcess:
     def encode_background(self, background: Background, max_bytes: int) -> "Future[bytes]":
         """See `Learner`.
 
-        A call waits for this: it fails with `ChildProcessError` if the process is gone, where other
-        results are never done.
+        A call waits for this: it fails with `ChildProcessError` if the process is gone or has
+        failed, where other results are never done.
         """
         return self._calls.call_awaited("encode_background", background, max_bytes)
 

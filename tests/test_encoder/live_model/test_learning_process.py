@@ -6,6 +6,7 @@ import socket
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
+from typing import cast
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from encoder.learning.incremental_modes import USUAL_LIMITS
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
 from encoder.live_model.learning_process import SHARED, LearningProcess
 from encoder.live_model.model_trainer import ModelTrainer
+from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.warm_up import frontal_landmarks
 from protocol.pictures.picture_codec import decode_picture
 from runtime.object_stream import ObjectStream
@@ -70,6 +72,27 @@ def test_a_learning_process_that_dies_is_told_once_and_harms_nothing() -> None:
         os.kill(process.pid, signal.SIGKILL)
         assert "nothing more is learned" in lines.get(timeout=LIMIT_S)
         assert not process.learn(ModesTask([], 1.0, 1)).done()
+    finally:
+        process.close()
+
+
+class FailingTrainer:
+    """In the place of a `ModelTrainer`: its updates fail."""
+
+    def retrain(self, *task: object) -> ModelVersion:
+        """Raises `ValueError`."""
+        raise ValueError("a fault of ours")
+
+
+def test_a_fault_in_the_learning_process_is_told_and_nothing_more_is_learned() -> None:
+    lines = SimpleQueue[str]()
+    process = LearningProcess(lines.put)
+    try:
+        process.begin(cast(ModelTrainer, FailingTrainer()))
+        update = process.train(TrainingTask(0.3, [], [], 1))
+        line = lines.get(timeout=LIMIT_S)
+        assert "has failed" in line and "nothing more is learned" in line
+        assert "a fault of ours" in line and not update.done()
     finally:
         process.close()
 
