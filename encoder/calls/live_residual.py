@@ -12,8 +12,8 @@ from protocol.packets import FramePacket, Packet, serialise
 from protocol.picture_residual.framing import join_payload
 from shared_model.arrays import Picture
 
-# A worker that is too slow works for nothing: after each residual in a row that came too late, none
-# is asked for for twice as many packets, 0, 1, 3 ..., so many at most.
+# A worker that is too slow works for nothing: after residuals in a row that came too late 0, 1, 3,
+# 7 packets go without, so many at most.
 MAX_PAUSE = 15
 
 
@@ -30,7 +30,7 @@ class LiveResidual:
         self._sources = dict[int, Picture]()
         self._coded: Future[bytes] | None = None
         self._has_failed, self._was_sent = False, True
-        self._packets = self._late_in_a_row = self._pause = 0
+        self._packets = self._pause = self._next_pause = 0
         self.missed = 0
 
     def warm_up(self, model: ModelPacket, face: bytes) -> None:
@@ -52,13 +52,13 @@ class LiveResidual:
         self.add_packet(stated)
         return stated
 
-    def add_packet(self, packet: Packet, first_frame: int = 0) -> None:
+    def add_packet(self, packet: Packet, first_wanted: int = 0) -> None:
         """Draw with a packet, too; all are added in the order in which they are sent.
 
-        first_frame: of a frame packet.
+        first_wanted: no residual of an earlier frame will be asked for.
         """
         if not self._has_failed:
-            self._worker.see(serialise(packet), first_frame)
+            self._worker.see(serialise(packet), first_wanted)
 
     def add_source(self, index: int, picture: Picture) -> None:
         """Add a source frame, (h, w, 3) BGR, that shows a face, before its packet is coded."""
@@ -75,18 +75,11 @@ class LiveResidual:
         has_time: whether there is time for it.
         """
         packet = FramePacket(number % SEQUENCE_MODULUS, join_payload(b"", face))
-        self.add_packet(packet, covered.start)
         sources = {i: picture for i, picture in self._sources.items() if i in covered}
         self._sources = {i: each for i, each in self._sources.items() if i >= covered.stop}
-        is_busy = self._coded is not None and not self._coded.done()
-        if not is_busy:
-            self._block_of(self._coded)
-        if self._has_failed or not sources:
-            return None
-        self._packets += 1
-        is_paused, self._pause = self._pause > 0, max(self._pause - 1, 0)
-        if is_busy or is_paused or not has_time:
-            self.missed += 1
+        is_tried = bool(sources) and self._may_try(has_time)
+        self.add_packet(packet, covered.start if is_tried else covered.stop)
+        if not is_tried:
             return None
         task = ResidualTask(covered, sources, seconds, spent_bits(face), self._was_sent)
         self._coded, self._was_sent = self._worker.block(task), True
@@ -100,12 +93,27 @@ class LiveResidual:
         if coded is not None and not coded.done():
             self._was_sent = False
             self.missed += 1
-            self._pause = min(2**self._late_in_a_row - 1, MAX_PAUSE)
-            self._late_in_a_row += 1
+            self._pause, self._next_pause = self._next_pause, 2 * self._next_pause + 1
+            self._next_pause = min(self._next_pause, MAX_PAUSE)
             return join_payload(b"", face)
         if coded is not None:
-            self._late_in_a_row = 0
+            self._next_pause = 0
         return join_payload(self._block_of(coded), face)
+
+    def _may_try(self, has_time: bool) -> bool:
+        """Whether the next packet's residual may come in time; counts those that are not tried."""
+        is_busy = self._coded is not None and not self._coded.done()
+        if not is_busy:
+            self._block_of(self._coded)
+        if self._has_failed:
+            return False
+        self._packets += 1
+        is_paused = self._pause > 0
+        self._pause = max(self._pause - 1, 0)
+        if is_busy or is_paused or not has_time:
+            self.missed += 1
+            return False
+        return True
 
     def _block_of(self, coded: "Future[bytes] | None") -> bytes:
         """What is coded, and done; nothing if that has failed, which is told once."""
@@ -114,7 +122,7 @@ class LiveResidual:
         try:
             return coded.result()
         except ChildProcessError:
-            pass  # has been told when the process ended
+            pass  # has been told when the process ended or failed
         except Exception as error:  # of what draws: the call goes on without it
             self._warn(f"without a picture residual: {error}")
         self._has_failed = True

@@ -42,12 +42,12 @@ class CallDrawing:
         self._thread = DrawingThread(draw)
         self._encoder = ResidualEncoder(bitrate, *size)
 
-    def see(self, packet: bytes, first_frame: int = 0) -> None:
-        """Take the next packet of the call, a frame packet without residual.
+    def see(self, packet: bytes, first_wanted: int = 0) -> None:
+        """Take the next packet of the call; a frame packet has no residual yet.
 
-        first_frame: of a frame packet.
+        first_wanted: no frame before it will be in a task.
         """
-        self._thread.see(packet, first_frame)
+        self._thread.see(packet, first_wanted)
 
     def block(self, task: ResidualTask) -> bytes:
         """The residual of the packet that was seen last; empty: it has none.
@@ -57,7 +57,7 @@ class CallDrawing:
         drawn = self._thread.pictures(task.covered)
         if not task.was_sent:
             self._encoder.take_back()
-        differences = _differences(drawn, task.sources)
+        differences = differences_of(drawn, task.sources)
         areas = [each.face_area for each in drawn]
         return self._encoder.encode(differences, areas, task.seconds, task.faces_bits)
 
@@ -66,8 +66,8 @@ class CallDrawing:
         self._thread.close()
 
 
-def _differences(drawn: Sequence[DrawnPicture], sources: Mapping[int, Picture]) -> list[Single]:
-    """The sources less the drawn pictures, see `ResidualTask`."""
+def differences_of(drawn: Sequence[DrawnPicture], sources: Mapping[int, Picture]) -> list[Single]:
+    """(h, w, 3) of each drawn picture: its source less it, or that of the nearest with a source."""
     known = {
         each.index: sources[each.index].astype(np.float32) - each.picture
         for each in drawn

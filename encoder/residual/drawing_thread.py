@@ -17,7 +17,7 @@ from shared_model.errors import UserError
 class DrawingThread:
     """The pictures of a call whose packets come one by one.
 
-    draw: gets a stream that grows.
+    draw: runs in the thread; its stream waits for packets that have not been seen.
     """
 
     def __init__(self, draw: DrawCall) -> None:
@@ -25,21 +25,21 @@ class DrawingThread:
         self._changed = Condition()
         self._stream = _GrowingStream(self._changed)
         self._stream.append(MAGIC)
-        # What is asked for and not there; the first frame of the newest frame packet.
-        self._wanted, self._newest = range(0), 0
+        # The frames that `pictures` waits for; no earlier frame than the second will be asked for.
+        self._wanted, self._first_wanted = range(0), 0
         self._drawn = dict[int, DrawnPicture]()
         self._error: Exception | None = None
         self._has_ended = False
         self._thread = Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def see(self, packet: bytes, first_frame: int = 0) -> None:
+    def see(self, packet: bytes, first_wanted: int = 0) -> None:
         """Take the next packet of the call.
 
-        first_frame: of a frame packet.  Frames before it that nobody has asked for are not drawn.
+        first_wanted: no picture of an earlier frame will be asked for.
         """
         with self._changed:
-            self._newest = max(self._newest, first_frame)
+            self._first_wanted = max(self._first_wanted, first_wanted)
             self._stream.append(self._records.record(packet))
 
     def pictures(self, wanted: range) -> list[DrawnPicture]:
@@ -50,8 +50,10 @@ class DrawingThread:
         with self._changed:
             self._wanted = wanted
             self._changed.notify_all()
-            self._changed.wait_for(lambda: self._is_whole() or self._is_stuck())
-            self._wanted = range(0)
+            try:
+                self._changed.wait_for(lambda: self._is_whole() or self._is_stuck())
+            finally:
+                self._wanted = range(0)
             if self._error is not None:
                 raise self._error
             found = [self._drawn[index] for index in wanted if index in self._drawn]
@@ -73,14 +75,15 @@ class DrawingThread:
         return self._has_ended or self._stream.is_starved
 
     def _wants(self, index: int) -> bool:
-        """Whether a frame is drawn; waits until that is known."""
+        """Whether to draw a frame; waits until somebody asks for it or nobody can."""
         with self._changed:
             # Those after the wanted ones, which a packet about the face may have brought, are
             # drawn, too: the picture of the frame before is there only then.
             self._changed.wait_for(
-                lambda: self._wanted or index < self._newest or self._stream.has_ended
+                lambda: self._wanted or index < self._first_wanted or self._stream.has_ended
             )
-            return bool(self._wanted) and index >= self._wanted.start
+            is_asked_for = bool(self._wanted) and index >= self._wanted.start
+            return is_asked_for and not self._stream.has_ended
 
     def _run(self) -> None:
         try:
@@ -91,26 +94,23 @@ class DrawingThread:
                         self._changed.notify_all()
         except Exception as error:  # for whoever asks for pictures
             self._error = error
-        with self._changed:
-            self._has_ended = True
-            self._changed.notify_all()
+        finally:
+            with self._changed:
+                self._has_ended = True
+                self._changed.notify_all()
 
 
 class _GrowingStream(BytesIO):
     """Holds what has been appended and not been read; whoever reads waits for more.
 
     changed: held, and told, whenever it changes.
+    is_starved: somebody waits for more.  has_ended: nothing more is read.
     """
 
     def __init__(self, changed: Condition) -> None:
         super().__init__()
-        self._changed, self._is_waiting = changed, False
-        self.has_ended = False
-
-    @property
-    def is_starved(self) -> bool:
-        """Whether somebody waits for more."""
-        return self._is_waiting
+        self._changed = changed
+        self.is_starved = self.has_ended = False
 
     def append(self, data: bytes) -> None:
         """Add to its end."""
@@ -120,11 +120,11 @@ class _GrowingStream(BytesIO):
             self.truncate()
             self.write(rest + data)
             self.seek(0)
-            self._is_waiting = False
+            self.is_starved = False
             self._changed.notify_all()
 
     def end(self) -> None:
-        """Nothing more will be appended."""
+        """Let whoever reads find its end."""
         with self._changed:
             self.has_ended = True
             self._changed.notify_all()
@@ -132,8 +132,10 @@ class _GrowingStream(BytesIO):
     def read(self, size: int | None = -1, /) -> bytes:
         """As of a pipe: what is there, as soon as there is something."""
         with self._changed:
-            while not (data := super().read(size)) and not self.has_ended:
-                self._is_waiting = True
+            while not self.has_ended:
+                if data := super().read(size):
+                    return data
+                self.is_starved = True
                 self._changed.notify_all()
-                self._changed.wait_for(lambda: not self._is_waiting or self.has_ended)
-            return data
+                self._changed.wait_for(lambda: not self.is_starved or self.has_ended)
+            return b""

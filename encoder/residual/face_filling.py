@@ -24,36 +24,55 @@ def face_filled(difference: Single, face_area: Single, tile: int) -> Single:
     # Whole cells, and those beside the face that a mean reaches.
     reach = cell * (CELLS_OF_MEAN // 2 + 1)
     top, left = (max(first - reach, 0) // cell * cell for first in (top, left))
-    window = np.s_[top : top + height + 2 * reach, left : left + width + 2 * reach]
-    area, inside = face_area[window], result[window]
-    sums = np.zeros((-(-len(area) // cell), -(-area.shape[1] // cell), 4), np.float32)
-    _sum_up(inside, area, cell, sums)
+    bottom = min(top + height + 2 * reach, len(face_area))
+    right = min(left + width + 2 * reach, face_area.shape[1])
+    sums = np.zeros((-(-(bottom - top) // cell), -(-(right - left) // cell), 4), np.float32)
+    _sum_up(result, face_area, top, bottom, left, right, cell, sums)
     means = cv2.blur(sums, (CELLS_OF_MEAN, CELLS_OF_MEAN), borderType=cv2.BORDER_REPLICATE)
     fill = means[..., :3] / np.maximum(means[..., 3:], MIN_SHARE * cell**2)
     size = cell * fill.shape[1], cell * fill.shape[0]
-    smooth = cv2.resize(fill, size, interpolation=cv2.INTER_LINEAR)
-    _blend(inside, area, np.asarray(smooth, np.float32))
+    smooth = np.asarray(cv2.resize(fill, size, interpolation=cv2.INTER_LINEAR), np.float32)
+    _blend(result, face_area, top, bottom, left, right, smooth)
     return result
 
 
 @jit
-def _sum_up(difference: Single, face_area: Single, cell: int, sums: Single) -> None:
-    """Add up what is not face, and how much that is, by cells."""
-    for i in range(face_area.shape[0]):
-        for j in range(face_area.shape[1]):
-            weight, own = np.float32(1) - face_area[i, j], sums[i // cell, j // cell]
+def _sum_up(
+    difference: Single,
+    face_area: Single,
+    top: int,
+    bottom: int,
+    left: int,
+    right: int,
+    cell: int,
+    sums: Single,
+) -> None:
+    """Add up what is not face, and how much that is, by cells from `top` and `left` on."""
+    for i in range(top, bottom):
+        for j in range(left, right):
+            weight = np.float32(1) - face_area[i, j]
+            own = sums[(i - top) // cell, (j - left) // cell]
             for channel in range(3):
                 own[channel] += weight * difference[i, j, channel]
             own[3] += weight
 
 
 @jit
-def _blend(difference: Single, face_area: Single, fill: Single) -> None:
-    """Mix `fill` into the difference, by the face's area."""
-    for i in range(face_area.shape[0]):
-        for j in range(face_area.shape[1]):
+def _blend(
+    difference: Single,
+    face_area: Single,
+    top: int,
+    bottom: int,
+    left: int,
+    right: int,
+    fill: Single,
+) -> None:
+    """Mix `fill`, which begins at `top` and `left`, into the difference, by the face's area."""
+    for i in range(top, bottom):
+        for j in range(left, right):
             share = face_area[i, j]
             if share > 0:
                 for channel in range(3):
                     value = difference[i, j, channel]
-                    difference[i, j, channel] = value + share * (fill[i, j, channel] - value)
+                    change = fill[i - top, j - left, channel] - value
+                    difference[i, j, channel] = value + share * change

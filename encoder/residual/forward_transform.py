@@ -32,10 +32,11 @@ def forward_transform(differences: Sequence[Single], tile: int) -> Single:
     for frame, difference in enumerate(differences):
         for plane, side, samples in zip(planes, sides, _coloured(difference, tile), strict=True):
             half = side // 2
-            plane[frame, half : -half or None, half : -half or None] = samples
+            plane[frame, half:-half, half:-half] = samples
     values = np.empty((rows, columns, frames, values_of_tile(tile)), np.float32)
     for index, (plane, side) in enumerate(zip(planes, sides, strict=True)):
         start = plane_start(index, tile)
+        # A view: the last axis alone is split.
         own = values[..., start : start + side**2].reshape(rows, columns, frames, side, side)
         _transform(plane, side, own)
     return values
@@ -65,14 +66,14 @@ def _transform(plane: Single, side: int, values: Single) -> None:
     beside = sliding_window_view(lines.reshape(frames * side, -1), 2 * side, 1)
     beside = beside[:, ::side].swapaxes(0, 1)
     blocks = np.empty((columns, frames * side, side), np.float32)
+    ends = [(i, _block_matrix(side, i == 0, i == columns - 1).T) for i in {0, columns - 1}]
+    between, inner = slice(1, columns - 1), _block_matrix(side, False, False).T
     for row in range(rows):
         above = in_time[:, row * side : (row + 2) * side]
         np.matmul(_block_matrix(side, row == 0, row == rows - 1), above, out=lines)
-        for column in 0, columns - 1:
-            matrix = _block_matrix(side, column == 0, column == columns - 1)
-            np.matmul(beside[column], matrix.T, out=blocks[column])
-        between = slice(1, columns - 1)
-        np.matmul(beside[between], _block_matrix(side, False, False).T, out=blocks[between])
+        for column, matrix in ends:
+            np.matmul(beside[column], matrix, out=blocks[column])
+        np.matmul(beside[between], inner, out=blocks[between])
         values[row] = blocks.reshape(columns, frames, side, side)
 
 

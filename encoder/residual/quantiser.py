@@ -36,7 +36,7 @@ from protocol.picture_residual.tile_coding import (
 from runtime.jit import jit
 from shared_model.arrays import Array, Integers, Mask, Picture, Single
 
-# Squared steps per bit, of the face.
+# Squared steps that a bit must gain in the face; around it `around_price` times as many.
 LAGRANGIAN = 0.1
 # A value below this is zero whatever its context, steps.
 ZERO_BELOW = 0.55

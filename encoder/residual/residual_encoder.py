@@ -39,9 +39,9 @@ FACES_ALONE_BPS, FACES_SHARE = USUAL_UP_TO_BPS, 0.5
 SAVED_SHARE = 0.3
 # A tile is fine if this share of it is face.
 FACE_SHARE = 0.7
-# What is around a face whose luma is further off than this, squared grey levels (35 dB), costs more
-# by this power of the ratio, at most so much: something is before the face, a hand, which people
-# look at first.
+# Where the luma of a face is further off than this, squared grey levels (35 dB), something is
+# before it, a hand, which people look at first: bits around the face cost more by this power of the
+# ratio, at most so much.
 USUAL_FACE_ERROR, PRICE_POWER, MOST_PRICE = 20.0, 1.5, 16.0
 # Codes of the step: the finest, the one tried first, the coarsest; and in how many bits halve.
 FINEST, INITIAL, COARSEST = 8, 32, 44
@@ -112,8 +112,7 @@ class ResidualEncoder:
         values = forward_transform(around, tile)
         if is_fine.any():
             self._put_face(values, differences, is_fine)
-
-        price = around_price(values, is_fine)
+        price = price_around(values, is_fine)
 
         def code(step_code: int) -> bytes:
             quantised = quantise_tiles(values, step_size(step_code), is_fine, price)
@@ -145,8 +144,8 @@ class ResidualEncoder:
         values[window][is_fine[window]] = of_face[is_fine[window]]
 
 
-def around_price(values: Single, is_fine: Mask) -> float:
-    """How much more a bit around the face must gain than one in it.
+def price_around(values: Single, is_fine: Mask) -> float:
+    """How many times as much a bit around the face must gain as one in it.
 
     values: (rows, columns, frames, `values_of_tile`).  is_fine: (rows, columns) tiles of the face.
     """

@@ -24,7 +24,7 @@ class ResidualWorker(Protocol):
         loops and a GL context.
         """
 
-    def see(self, packet: bytes, first_frame: int = 0) -> None:
+    def see(self, packet: bytes, first_wanted: int = 0) -> None:
         """See `CallDrawing`."""
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
@@ -55,9 +55,9 @@ class LocalResidual:
                 drawing.see(packet)
             drawing.block(ResidualTask(range(1), {0: grey}, 1.0, 0.0))
 
-    def see(self, packet: bytes, first_frame: int = 0) -> None:
+    def see(self, packet: bytes, first_wanted: int = 0) -> None:
         """See `CallDrawing`."""
-        self._drawing.see(packet, first_frame)
+        self._drawing.see(packet, first_wanted)
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
         """See `CallDrawing`."""
@@ -76,7 +76,8 @@ class LocalResidual:
 class ResidualProcess:
     """A `ResidualWorker` in a process of its own, at a lower priority.
 
-    draw: as `pickle` finds it.  on_failure: called once with a line if the process ends by itself.
+    draw: as `pickle` finds it.
+    on_failure: called once with a line if the process ends by itself or fails.
     """
 
     def __init__(
@@ -103,12 +104,12 @@ class ResidualProcess:
             self._begun.result()
             self._calls.call_awaited("warm_up", packets).result()
 
-    def see(self, packet: bytes, first_frame: int = 0) -> None:
+    def see(self, packet: bytes, first_wanted: int = 0) -> None:
         """See `CallDrawing`."""
-        self._calls.call("see", packet, first_frame)
+        self._calls.call("see", packet, first_wanted)
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
-        """See `ResidualWorker`; a `ChildProcessError` if the process is gone."""
+        """See `ResidualWorker`; a `ChildProcessError` if the process is gone or has failed."""
         return self._calls.call_awaited("block", task)
 
     def close(self) -> None:
@@ -127,9 +128,9 @@ class _Server:
         assert self._worker is not None
         self._worker.warm_up(packets)
 
-    def see(self, packet: bytes, first_frame: int = 0) -> None:
+    def see(self, packet: bytes, first_wanted: int = 0) -> None:
         assert self._worker is not None
-        self._worker.see(packet, first_frame)
+        self._worker.see(packet, first_wanted)
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
         assert self._worker is not None

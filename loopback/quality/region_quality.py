@@ -28,7 +28,7 @@ LEAST_FLICKER = 0.05
 
 @dataclass(frozen=True, slots=True)
 class RegionQuality:
-    """Means over every tenth frame; None for what could not be measured.
+    """Means over every tenth frame, of blinks over all; None for what could not be measured.
 
     person_psnr_db: PSNR of luma (eq. 6.1) over the person in the source outside the face: hair,
         ears, neck, shoulders.
@@ -56,7 +56,7 @@ class RegionMeter:
     people: the person in each frame that is looked at, (height, width); None leaves out person,
         background and flicker.
     similarity: None leaves out SSIMULACRA2.
-    interval: every so many frames one is looked at.
+    interval: every so many frames one is looked at, besides those of blinks.
     blinks: of each frame whether lids move or are closed in it; None: not known.
     """
 

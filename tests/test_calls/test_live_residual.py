@@ -2,9 +2,11 @@
 
 import os
 import signal
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future
 from pathlib import Path
+from threading import Event
+from typing import BinaryIO
 
 import numpy as np
 import pytest
@@ -19,11 +21,12 @@ from encoder.calls.send_queue import MAX_WAIT_S
 from encoder.calls.session_stats import SessionStats
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
-from encoder.residual.call_drawing import CallDrawing, ResidualTask
+from encoder.residual.call_drawing import ResidualTask, differences_of
 from encoder.residual.draw_call import DrawCall
 from encoder.residual.drawing_thread import DrawingThread
 from encoder.residual.residual_worker import LocalResidual, ResidualProcess
-from protocol.call_file import CallWriter
+from protocol.call_file import MAGIC, CallWriter
+from protocol.call_records import RecordReader
 from protocol.model_packet import ModelPacket
 from protocol.packets import ControlKind, ControlPacket, FramePacket, parse_packet, serialise
 from protocol.picture_residual.drawn_picture import DrawnPicture
@@ -133,12 +136,13 @@ class SlowWorker:
 
     def __init__(self) -> None:
         self.coded, self.tasks = list[Future[bytes]](), list[ResidualTask]()
+        self.first_wanted = list[int]()
 
     def warm_up(self, packets: Sequence[bytes]) -> None:
         pass
 
-    def see(self, packet: bytes, first_frame: int = 0) -> None:
-        pass
+    def see(self, packet: bytes, first_wanted: int = 0) -> None:
+        self.first_wanted.append(first_wanted)
 
     def block(self, task: ResidualTask) -> "Future[bytes]":
         self.tasks.append(task)
@@ -202,6 +206,8 @@ def test_a_worker_that_is_too_slow_is_asked_less_often_until_it_is_in_time() -> 
             if not coded.done():
                 coded.set_result(b"late")
     assert asked == [0, 1, 3, 7, *range(15, 32)]
+    # Frames of packets that get none will not be asked for.
+    assert worker.first_wanted == [i if i in asked else i + 1 for i in range(32)]
     assert residual.missed == 15
     # What came too late was not paid for.
     was_sent = [task.was_sent for task in worker.tasks]
@@ -226,42 +232,72 @@ def test_what_comes_while_the_worker_is_busy_is_no_reason_to_wait() -> None:
     assert begin(10) is not None
 
 
-def test_a_frame_without_a_source_differs_as_the_nearest_does(disc_film: Path, call: Path) -> None:
-    model, faces = faces_of(call)
-    source, blocks = pictures(disc_film), list[bytes]()
-    for known in (range(8), range(0, 8, 2)):
-        drawing = CallDrawing(draw_call, (model.call.width, model.call.height), 40_000)
-        drawing.see(serialise(model))
-        for number, face in enumerate(faces[:2]):
-            drawing.see(serialise(FramePacket(number, join_payload(b"", face))))
-            covered = covered_frames(model.call, number, 8 if number else 1)
-            sources = {covered[i]: source[covered[i]] for i in known if i < len(covered)}
-            block = drawing.block(ResidualTask(covered, sources, 0.32, 800))
-        blocks.append(block)
-        drawing.close()
-    sizes = [len(block) for block in blocks]
-    assert 0 < sizes[1] < 1.1 * sizes[0]
+def test_a_frame_without_a_source_differs_as_the_nearest_does() -> None:
+    grey = np.full((8, 8, 3), 100, np.uint8)
+    drawn = [DrawnPicture(i, grey + i, np.zeros((8, 8), np.float32)) for i in range(4, 10)]
+    sources = {5: np.full_like(grey, 120), 8: np.full_like(grey, 90)}
+    found = differences_of(drawn, sources)
+    assert [np.unique(each).tolist() for each in found] == [[15], [15], [15], [-18], [-18], [-18]]
 
 
 def test_pictures_that_no_packet_has_are_not_waited_for(call: Path) -> None:
     model, faces = faces_of(call)
-    drawing = DrawingThread(draw_call)
+    answers = dict[int, bool]()
+
+    def draw(stream: BinaryIO, wants: Callable[[int], bool]) -> Generator[DrawnPicture, None, None]:
+        def noted(index: int) -> bool:
+            answers[index] = wants(index)
+            return answers[index]
+
+        return draw_call(stream, noted)
+
+    drawing = DrawingThread(draw)
     drawing.see(serialise(model))
     drawing.see(serialise(FramePacket(0, join_payload(b"", faces[0]))), 0)
     with pytest.raises(UserError, match="as far as it is known"):
         drawing.pictures(range(2))
-    # Of these frames nobody has asked for the first ones.
-    for number in (1, 2):
-        covered = covered_frames(model.call, number, 8)
-        drawing.see(serialise(FramePacket(number, join_payload(b"", faces[number]))), covered.start)
+    unwanted, covered = (covered_frames(model.call, number, 8) for number in (1, 2))
+    for number, first_wanted in ((1, unwanted.stop), (2, covered.start)):
+        packet = FramePacket(number, join_payload(b"", faces[number]))
+        drawing.see(serialise(packet), first_wanted)
     assert [each.index for each in drawing.pictures(covered)] == list(covered)
+    assert not any(answers[index] for index in unwanted)
+    drawing.close()
+
+
+def test_packets_are_read_before_a_picture_is_asked_for() -> None:
+    """Also after frames that nobody asks for: a late worker is to find its models decoded."""
+    model_is_read = Event()
+
+    def draw(stream: BinaryIO, wants: Callable[[int], bool]) -> Generator[DrawnPicture, None, None]:
+        stream.read(len(MAGIC))
+        records = RecordReader(stream, len(MAGIC))
+        records.read()
+        assert not wants(0)
+        records.read()
+        model_is_read.set()
+        # Of this frame nothing is known: the end is told as well.
+        assert not wants(1)
+        yield from ()
+
+    drawing = DrawingThread(draw)
+    drawing.see(serialise(FramePacket(0, b"face")), 1)
+    drawing.see(serialise(ControlPacket(0, ControlKind.FACE_LOST, 1)))
+    assert model_is_read.wait(60)
     drawing.close()
 
 
 def test_a_call_that_cannot_be_drawn_says_so_each_time() -> None:
-    drawing = DrawingThread(draw_call)
+    drawing = DrawingThread(nothing_drawn)
     drawing.see(b"no packet")
     for _ in range(2):
-        with pytest.raises(UserError):
+        with pytest.raises(UserError, match="no EGL here"):
             drawing.pictures(range(1))
     drawing.close()
+
+
+def nothing_drawn(
+    stream: BinaryIO, wants: Callable[[int], bool]
+) -> Generator[DrawnPicture, None, None]:
+    yield from ()
+    raise UserError("no EGL here")

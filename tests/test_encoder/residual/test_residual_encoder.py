@@ -7,9 +7,9 @@ from encoder.residual.forward_transform import forward_transform
 from encoder.residual.residual_encoder import (
     MOST_PRICE,
     ResidualEncoder,
-    around_price,
     faces_bitrate,
     has_residual,
+    price_around,
 )
 from protocol.picture_residual.inverse_transform import ResidualPictures
 from protocol.picture_residual.residual_block import parse_tiles, tile_side
@@ -81,7 +81,7 @@ def test_what_is_before_a_face_gets_the_bits_of_what_is_around_it() -> None:
         values = forward_transform(wanted, tile_side(WIDTH, HEIGHT))
         is_fine = np.zeros(values.shape[:2], np.bool_)
         is_fine[6:10, 7:13] = True
-        prices.append(around_price(values, is_fine))
+        prices.append(price_around(values, is_fine))
         data = ResidualEncoder(6000, WIDTH, HEIGHT).encode(wanted, FACE, SECONDS, 0)
         flags = parse_tiles(data, WIDTH, HEIGHT, FRAMES).flags
         shares.append(float((flags == 2).sum() / (flags > 0).sum()))
