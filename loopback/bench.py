@@ -25,7 +25,8 @@ TABLE_COLUMNS = {each.name: each.column for each in FIGURES if each.column}
 AVERAGED_FIGURES = tuple(each.name for each in FIGURES if each.is_averaged)
 # Of report.json: raised where a figure changes its name or meaning.
 SCHEMA = "risorius-bench/1"
-# Options of the encoder that a bench may be given, by name, and their defaults.
+# Options of the encoder that a bench may be given, by name, and their defaults.  pace: at the
+# clips' own rate, as latency needs it.
 ENCODER_OPTIONS: Options = {
     **{"preset": None, "profile": "default", "max_frames": None, "pace": True, "model_bytes": None},
     **{name: value for name, value in THESIS_OPTIONS.items() if name != "without"},
@@ -33,30 +34,31 @@ ENCODER_OPTIONS: Options = {
 }
 
 
+def encoder_options(given: Options) -> dict[str, Any]:
+    """All of `ENCODER_OPTIONS` by name: the given ones, and the defaults of the others.
+
+    given: as `checked_options` returns them; what is no option of a bench is left out.
+    """
+    return {name: given.get(name, value) for name, value in ENCODER_OPTIONS.items()}
+
+
 @dataclass(frozen=True, slots=True)
 class BenchSettings:
     """How clips are encoded.
 
-    given: some of `ENCODER_OPTIONS`, as `checked_options` returns them; the others have their
-        defaults.  pace: at the clips' own rate, as latency needs it.
+    encoder: the encoder's options, all of `ENCODER_OPTIONS`: see `encoder_options`.
     busy: so many busy loops run beside.  cores: that all of it runs on, as in "0,1"; None: all.
     """
 
-    given: Options
+    encoder: Mapping[str, Any]
     busy: int = 0
     cores: str | None = None
 
-    @property
-    def encoder(self) -> dict[str, Any]:
-        """The encoder's options by name."""
-        return {name: self.given.get(name, value) for name, value in ENCODER_OPTIONS.items()}
-
     def command_line(self) -> list[str]:
         """The same as the command line of the encoder's process, which is what users run."""
-        options = self.encoder
-        line = ["--lossless", "--voice", "off", "--profile", options.pop("profile")]
-        for name, value in options.items():
-            if value != ENCODER_OPTIONS[name]:
+        line = ["--lossless", "--voice", "off", "--profile", self.encoder["profile"]]
+        for name, value in self.encoder.items():
+            if name != "profile" and value != ENCODER_OPTIONS[name]:
                 line.append(option_typed(name, value))
                 line += [] if isinstance(value, bool) else [str(value)]
         return line

@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from encoder.option_rules import check_values, checked_options
-from loopback.bench import ENCODER_OPTIONS, BenchSettings, check_recorded, is_figure
+from loopback.bench import (
+    ENCODER_OPTIONS,
+    BenchSettings,
+    check_recorded,
+    encoder_options,
+    is_figure,
+)
 from loopback.clip_paths import clip_path
 from loopback.replay.checks import EVENTS, TOLERANCES, ExpectedEvent
 from loopback.report import flatten
@@ -188,7 +194,7 @@ def _settings(content: Mapping[str, Any], place: str) -> BenchSettings:
         given = checked_options({**ENCODER_OPTIONS, **content}, _as_setting)
     except (ValueError, UserError) as error:
         raise UserError(f"{place}: {error}") from error
-    return BenchSettings(given, **of_bench)
+    return BenchSettings(encoder_options(given), **of_bench)
 
 
 def _as_setting(name: str, value: object) -> str:

@@ -197,11 +197,12 @@ def run_bench(arguments: argparse.Namespace) -> int:
         bench_page,
         bench_report,
         bench_table,
+        encoder_options,
     )
     from loopback.report import write_json, write_report
     from loopback.timing_tables import timings_tables
 
-    settings = BenchSettings(options, arguments.busy, arguments.cores)
+    settings = BenchSettings(encoder_options(options), arguments.busy, arguments.cores)
     folder, clips = arguments.out or Path("out/bench"), list[dict[str, Any]]()
     failures = list[ClipFailure]()
     check_output_folder(folder)

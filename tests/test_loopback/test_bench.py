@@ -23,6 +23,7 @@ from loopback.bench import (
     BenchSettings,
     bench_clip,
     bench_table,
+    encoder_options,
     is_figure,
     mean_figures,
     output_names,
@@ -130,7 +131,8 @@ def test_an_end_that_took_no_time_has_no_shares() -> None:
 @pytest.mark.parametrize("source", ["0", "rtsp://192.0.2.1/a"])
 def test_a_live_source_cannot_be_compared(source: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="only a recorded video"):
-        bench_clip(source, BenchSettings({}), tmp_path / "a.mkv", EncoderNetworks(), pytest.fail)
+        settings = BenchSettings(encoder_options({}))
+        bench_clip(source, settings, tmp_path / "a.mkv", EncoderNetworks(), pytest.fail)
 
 
 def test_a_call_that_takes_too_long_is_ended(carphone: Path, tmp_path: Path) -> None:

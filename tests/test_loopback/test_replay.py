@@ -11,7 +11,7 @@ import pytest
 from conftest import ROOT, Start
 from processes import LIMIT_S, error_line, wait_until
 
-from loopback.bench import ENCODER_OPTIONS, BenchSettings
+from loopback.bench import ENCODER_OPTIONS, BenchSettings, encoder_options
 from loopback.replay.checks import (
     PICTURES,
     Check,
@@ -40,7 +40,7 @@ def write_suite(folder: Path, text: str) -> Path:
 
 
 def clip(least: dict[str, float], most: dict[str, float]) -> Clip:
-    return Clip("a", "a.mp4", "00", BenchSettings({}), least, most)
+    return Clip("a", "a.mp4", "00", BenchSettings(encoder_options({})), least, most)
 
 
 def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
