@@ -145,11 +145,14 @@ def check_values(options: Options) -> None:
             raise ValueError(f"{name}: {error}") from error
 
 
-def checked_options(options: Options, spelling: Spelling) -> dict[str, Any]:
+def checked_options(
+    options: Options, spelling: Spelling, otherwise: str | None = None
+) -> dict[str, Any]:
     """The options of an encoder with what their preset stands for and with their profile: the one
-    that they name, or that they need, or that works with what is installed.
+    that they name, or that they need, or `otherwise`.
 
     options: by name; a missing one has its default.
+    otherwise: a profile; None: that which works with what is installed.
     Raises `UserError` if one of the options has no effect with the others.
     """
     options = with_preset(options)
@@ -161,7 +164,7 @@ def checked_options(options: Options, spelling: Spelling) -> dict[str, Any]:
             " they do not go together"
         )
     profile = options.get("profile") or ("thesis" if of_thesis else "default" if of_default else "")
-    profile = profile or available_profile()
+    profile = profile or otherwise or available_profile()
     other, misplaced = ("default", of_default) if profile == "thesis" else ("thesis", of_thesis)
     if misplaced:
         asked = spelling("profile", other)

@@ -28,6 +28,7 @@ CLIP_KEYS = {
 CALL_FILE = ".rzo"
 # Settings that are no options of the encoder, and their defaults.
 OF_THE_BENCH = {"busy": 0, "cores": None}
+BUSY_LOOPS = range(17)
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,10 +192,22 @@ def _settings(content: Mapping[str, Any], place: str) -> BenchSettings:
     of_bench = {name: value for name, value in content.items() if name in OF_THE_BENCH}
     try:
         check_values(content)
-        given = checked_options({**ENCODER_OPTIONS, **content}, _as_setting)
+        _check_of_bench(**of_bench)
+        # Without a profile: it follows from the others, as on a command line.
+        options = {**ENCODER_OPTIONS, "profile": None, **content}
+        given = checked_options(options, _as_setting, otherwise=str(ENCODER_OPTIONS["profile"]))
     except (ValueError, UserError) as error:
         raise UserError(f"{place}: {error}") from error
     return BenchSettings(encoder_options(given), **of_bench)
+
+
+def _check_of_bench(busy: object = 0, cores: object = None) -> None:
+    """Raise `ValueError` for a value that a setting of `OF_THE_BENCH` cannot have."""
+    if not isinstance(busy, int) or busy not in BUSY_LOOPS:
+        raise ValueError(f"busy: {busy} is no whole number from 0 to {BUSY_LOOPS[-1]}")
+    is_list = isinstance(cores, str) and all(core.isdecimal() for core in cores.split(","))
+    if cores is not None and not is_list:
+        raise ValueError(f'cores: {cores} is no text of numbers as in "0,1"')
 
 
 def _as_setting(name: str, value: object) -> str:

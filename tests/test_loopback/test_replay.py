@@ -72,6 +72,32 @@ def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        ("preset = 'thesis-literal'", {"profile": "thesis", "aam": "builtin"}),
+        ("lids = true", {"profile": "thesis", "lids": True}),
+        ("detector = 'haar'", {"profile": "thesis", "detector": "haar"}),
+        ("live = true", {"profile": "default", "live": True}),
+        ("max_frames = 9", {"profile": "default", "max_frames": 9}),
+    ],
+)
+def test_settings_of_a_suite_need_no_profile_beside_them(
+    settings: str, expected: dict[str, object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Whatever is installed: a suite measures the same everywhere.
+    monkeypatch.setattr("encoder.option_rules.available_profile", lambda: "thesis")
+    text = f"settings = {{ {settings} }}\n[[clip]]\npath = 'a.mp4'\nsha256 = 'a'"
+    (clip,) = read_suite(write_suite(tmp_path, text)).clips
+    assert clip.settings.encoder.items() >= expected.items()
+
+
+def test_settings_of_the_bench_itself_are_read(tmp_path: Path) -> None:
+    text = "settings = { busy = 2, cores = '0,1' }\n[[clip]]\npath = 'a.mp4'\nsha256 = 'a'"
+    (clip,) = read_suite(write_suite(tmp_path, text)).clips
+    assert (clip.settings.busy, clip.settings.cores) == (2, "0,1")
+
+
+@pytest.mark.parametrize(
     ("text", "reason"),
     [
         ("", "no \\[\\[clip\\]\\]"),
@@ -101,7 +127,19 @@ def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
             "settings.live = 'no'\n[[clip]]\npath = 'a'\nsha256 = 'a'",
             "true or false for live",
         ),
-        ("settings.lids = true\n[[clip]]\npath = 'a'\nsha256 = 'a'", "lids = true is about"),
+        (
+            "settings = { lids = true, profile = 'default' }\n[[clip]]\npath = 'a'\nsha256 = 'a'",
+            "lids = true is about",
+        ),
+        (
+            "settings = { lids = true, live = true }\n[[clip]]\npath = 'a'\nsha256 = 'a'",
+            "do not go together",
+        ),
+        ("settings.busy = 'x'\n[[clip]]\npath = 'a'\nsha256 = 'a'", "busy: x is no whole number"),
+        ("settings.busy = 17\n[[clip]]\npath = 'a'\nsha256 = 'a'", "busy: 17 is no whole number"),
+        ("settings.busy = 1.5\n[[clip]]\npath = 'a'\nsha256 = 'a'", "busy: 1.5 is no whole"),
+        ("settings.cores = 1\n[[clip]]\npath = 'a'\nsha256 = 'a'", "cores: 1 is no text"),
+        ("settings.cores = '0,'\n[[clip]]\npath = 'a'\nsha256 = 'a'", "cores: 0, is no text"),
         ("[[clip]]\npath = 'package:none_such/a.mp4'\nsha256 = 'a'", "not installed"),
         ("[[clip", "is not a suite in TOML"),
     ],
