@@ -258,9 +258,13 @@ def _new_invitation(request: LinkRequest, listen: Sequence[Endpoint], tell: Say)
     place = next((place for place in listen if not place.is_loopback), listen[0])
     if not place.port and not place.is_device:
         raise UserError("name a port to listen on: the invitation has to tell it")
-    host = address_for_others() if place.is_any else place.host
+    host: str | None
     if place.is_device:
         host = DEVICE_HOST
+    elif place.is_any:
+        host = address_for_others()
+    else:
+        host = place.host
     if host is None:
         raise UserError("this host has no address on a network: name one with --listen HOST:PORT")
     invitation = Invitation(
