@@ -65,7 +65,10 @@ def _compile_residual_loops() -> None:
     rng, (height, width) = np.random.default_rng(0), RESIDUAL_SIZE
     frames = gop_for_fps(RESIDUAL_FPS, None).frames_per_packet
     differences = list(rng.normal(0, 9, (frames, height, width, 3)).astype(np.float32))
-    faces = [np.zeros(RESIDUAL_SIZE, np.float32)] * frames
+    # Of both kinds of tiles: in a face, and around it.
+    face = np.zeros(RESIDUAL_SIZE, np.float32)
+    face[: height // 2] = 1
+    faces = [face] * frames
     ResidualEncoder(RESIDUAL_BPS, width, height).encode(differences, faces, 1.0, 0.0)
 
 
