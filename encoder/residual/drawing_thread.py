@@ -25,7 +25,7 @@ class DrawingThread:
         self._changed = Condition()
         self._stream = _GrowingStream(self._changed)
         self._stream.append(MAGIC)
-        # The frames that `pictures` waits for; no earlier frame than the second will be asked for.
+        # The frames that `pictures` waits for, and the first that it may be asked for later.
         self._wanted, self._first_wanted = range(0), 0
         self._drawn = dict[int, DrawnPicture]()
         self._error: Exception | None = None

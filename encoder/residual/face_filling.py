@@ -10,6 +10,9 @@ from shared_model.arrays import Single
 # face.
 CELLS_OF_MEAN, CELLS_OF_TILE, MIN_SHARE = 5, 4, 0.05
 
+# Of a picture: top, bottom, left and right, as slices have them.
+Window = tuple[int, int, int, int]
+
 
 def face_filled(difference: Single, face_area: Single, tile: int) -> Single:
     """A difference (h, w, 3) in whose face is what is around.
@@ -26,28 +29,21 @@ def face_filled(difference: Single, face_area: Single, tile: int) -> Single:
     top, left = (max(first - reach, 0) // cell * cell for first in (top, left))
     bottom = min(top + height + 2 * reach, len(face_area))
     right = min(left + width + 2 * reach, face_area.shape[1])
+    window = top, bottom, left, right
     sums = np.zeros((-(-(bottom - top) // cell), -(-(right - left) // cell), 4), np.float32)
-    _sum_up(result, face_area, top, bottom, left, right, cell, sums)
+    _sum_up(result, face_area, window, cell, sums)
     means = cv2.blur(sums, (CELLS_OF_MEAN, CELLS_OF_MEAN), borderType=cv2.BORDER_REPLICATE)
     fill = means[..., :3] / np.maximum(means[..., 3:], MIN_SHARE * cell**2)
     size = cell * fill.shape[1], cell * fill.shape[0]
     smooth = np.asarray(cv2.resize(fill, size, interpolation=cv2.INTER_LINEAR), np.float32)
-    _blend(result, face_area, top, bottom, left, right, smooth)
+    _blend(result, face_area, window, smooth)
     return result
 
 
 @jit
-def _sum_up(
-    difference: Single,
-    face_area: Single,
-    top: int,
-    bottom: int,
-    left: int,
-    right: int,
-    cell: int,
-    sums: Single,
-) -> None:
-    """Add up what is not face, and how much that is, by cells from `top` and `left` on."""
+def _sum_up(difference: Single, face_area: Single, window: Window, cell: int, sums: Single) -> None:
+    """Add up what is not face, and how much that is, by cells of a window."""
+    top, bottom, left, right = window
     for i in range(top, bottom):
         for j in range(left, right):
             weight = np.float32(1) - face_area[i, j]
@@ -58,16 +54,9 @@ def _sum_up(
 
 
 @jit
-def _blend(
-    difference: Single,
-    face_area: Single,
-    top: int,
-    bottom: int,
-    left: int,
-    right: int,
-    fill: Single,
-) -> None:
-    """Mix `fill`, which begins at `top` and `left`, into the difference, by the face's area."""
+def _blend(difference: Single, face_area: Single, window: Window, fill: Single) -> None:
+    """Mix `fill` into a window of the difference, by the face's area."""
+    top, bottom, left, right = window
     for i in range(top, bottom):
         for j in range(left, right):
             share = face_area[i, j]
