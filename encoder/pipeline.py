@@ -177,9 +177,9 @@ def encode_live(run: EncodeRun, sink: PacketSink, voice: VoicePacker | None = No
         if isinstance(learner, LearningProcess):
             callbacks.on_preparing("warming up")
             with dropping_frames(capture):
-                model, face = learner.warm_up(capture.format, gop)
-                if residual is not None:
-                    residual.warm_up(model, face)
+                drawn = learner.warm_up(capture.format, gop, residual is not None)
+                if residual is not None and drawn is not None:
+                    residual.warm_up(*drawn)
             callbacks.on_preparing("")
             _log.info("warmed up")
         # Whoever comes finds an encoder that is ready.

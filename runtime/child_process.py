@@ -7,61 +7,84 @@ import subprocess
 import sys
 from collections.abc import Sequence
 
-Child = tuple["subprocess.Popen[bytes]", socket.socket]
-# Children that were started early and that nobody has asked for yet, by their modules.
-_early: dict[str, Child] = {}
+from runtime.fork_server import (
+    CAN_FORK,
+    ForkedChild,
+    ForkServer,
+    current_server,
+    request_sockets,
+    use_server,
+)
+
+Process = subprocess.Popen[bytes] | ForkedChild
+# Read as libraries are loaded.  What NumPy would spread over all cores is small; and arrays of some
+# megabytes that are freed stay with the process: to get new pages takes longer than to fill them.
+ENVIRONMENT = {
+    "OPENBLAS_NUM_THREADS": "1",
+    "OPENCV_FOR_THREADS_NUM": "1",
+    "MALLOC_MMAP_THRESHOLD_": str(1 << 25),
+    "MALLOC_TRIM_THRESHOLD_": str(1 << 26),
+}
 
 
-def start_early(module: str) -> None:
-    """Start the process that a `start_child` without arguments will ask for.
+def start_fork_server(module: str, function: str) -> None:
+    """Let all children come from one process, which first calls a function of a module.
 
-    It loads its libraries while this process loads its own.  If nobody asks, it ends with this one.
+    That loads what they need, while this process goes on.  It ends with this one.  Where the system
+    has none, children start afresh.
     """
-    if module not in _early:
-        _early[module] = _started(module, (), ())
-        atexit.register(_end_early, module)
+    if not CAN_FORK:
+        return
+    theirs, ours = request_sockets()
+    with theirs:
+        process = _start("runtime.fork_server", theirs, (), ())
+    server = ForkServer(ours)
+    server.run(module, function)
+    use_server(server)
+    # Also while it still loads.
+    atexit.register(_end, process)
 
 
-def _end_early(module: str) -> None:
-    if child := _early.pop(module, None):
-        process, connection = child
-        process.kill()
-        process.wait()
-        connection.close()
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    process.kill()
+    process.wait()
 
 
 def start_child(
     module: str, arguments: Sequence[str] = (), descriptors: Sequence[int] = ()
-) -> Child:
+) -> tuple[Process, socket.socket]:
     """Start a process that calls `serve` of a module; returns it and this end of the socket.
 
-    serve: gets the descriptor of its end of the socket, then the arguments.
+    serve: gets the descriptor of its end of the socket, then the arguments, then its descriptors.
     descriptors: of this process, that it gets as well.
     """
-    early = None if arguments or descriptors else _early.pop(module, None)
-    return early or _started(module, arguments, descriptors)
-
-
-def _started(module: str, arguments: Sequence[str], descriptors: Sequence[int]) -> Child:
     ours, theirs = socket.socketpair()
+    try:
+        with theirs:
+            server = current_server()
+            if server is not None:
+                return server.fork(module, arguments, [theirs.fileno(), *descriptors]), ours
+            return _start(module, theirs, arguments, descriptors), ours
+    except BaseException:
+        ours.close()
+        raise
+
+
+def _start(
+    module: str, theirs: socket.socket, arguments: Sequence[str], descriptors: Sequence[int]
+) -> "subprocess.Popen[bytes]":
+    given = [theirs.fileno(), *arguments, *descriptors]
     program = (
         f"import sys; sys.path[:] = {sys.path!r};"
         f" from shared_model.logs import follow_environment; follow_environment();"
         f" from {module} import serve;"
-        f" serve({theirs.fileno()}, *{list(arguments)!r})"
+        f" serve(*{given!r})"
     )
-    try:
-        with theirs:
-            process = subprocess.Popen(
-                [sys.executable, "-c", program],
-                pass_fds=[theirs.fileno(), *descriptors],
-                stdin=subprocess.DEVNULL,
-                # Before NumPy is loaded: what it would spread over all cores is small.
-                env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1"},
-                # Ctrl-C in a terminal is for the process that talks to the user.
-                start_new_session=True,
-            )
-    except BaseException:
-        ours.close()
-        raise
-    return process, ours
+    return subprocess.Popen(
+        [sys.executable, "-c", program],
+        pass_fds=[theirs.fileno(), *descriptors],
+        stdin=subprocess.DEVNULL,
+        env=os.environ | ENVIRONMENT,
+        # Ctrl-C in a terminal is for the process that talks to the user.
+        start_new_session=True,
+    )

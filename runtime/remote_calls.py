@@ -103,7 +103,8 @@ class RemoteCalls:
                     return
         except EOFError:
             code = self._process.wait()
-            self._fail(self._why_ended or f"the {self._name} has ended ({code})")
+            how = "" if code is None else f" ({code})"
+            self._fail(self._why_ended or f"the {self._name} has ended{how}")
         except Exception as error:
             # Whatever unpickling raises.
             self._fail(f"what the {self._name} has sent cannot be read ({error!r})")

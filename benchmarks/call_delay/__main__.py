@@ -69,8 +69,8 @@ MIN_MATCH = 0.5
 # Times of arrival that differ by less are of one packet.
 SAME_MS = 5.0
 MINUTE_S = 60.0
-# Names the processes that receive.
-RECEIVING_WORKER = "risorius.live_call.drawing_worker"
+# The name of the processes that receive, as the system lists them.
+RECEIVING_WORKER = "drawing_worker"
 # Notes what the page shows and plays when: [ms since 1970, brightness of the mouth, frame, when it
 # was drawn, how long its packet was there then, when it came] and [ms since 1970, loudness].
 NOTES = """
@@ -222,7 +222,7 @@ def receiving_cpu_s() -> float:
     total_s = 0.0
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
-            if RECEIVING_WORKER.encode() in (process / "cmdline").read_bytes():
+            if (process / "comm").read_text().strip() == RECEIVING_WORKER:
                 total_s += cpu_s(int(process.name))
     return total_s
 

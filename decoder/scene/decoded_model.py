@@ -150,7 +150,7 @@ class ModelLoader:
 
     def warm_up(self) -> None:
         """Do what takes long the first time, before a model is there."""
-        self._of_models.submit(_warm_up)
+        self._of_models.submit(load_loops)
 
     def request(self, model: ModelPacket) -> "Future[DecodedModel]":
         """Begin to decode a model, unless that has been done."""
@@ -212,7 +212,7 @@ class ModelLoader:
             job.future.set_exception(error)
 
 
-def _warm_up() -> None:
+def load_loops() -> None:
     """Read the head, and decode a mask and a picture of zeros: that loads the compiled loops."""
     residual_basis(head_with_surround())
     decode_mask(b"")

@@ -12,8 +12,6 @@ from shared_model.arrays import Array, Picture, Single
 
 Deep = NDArray[np.uint16]
 
-# Transfer characteristics of ITU-T H.273.
-PQ, HLG = 16, 18
 # Luminance of a white page and of the brightest highlight, cd/m^2 (BT.2408).
 WHITE_CD, PEAK_CD = 203.0, 1000.0
 # Gamma of a display of standard range (BT.1886), and the system gamma of HLG at the peak.
@@ -33,13 +31,13 @@ LEVELS = 4096
 
 
 class ToneMapper:
-    """Turns pictures of one transfer characteristic, `PQ` or `HLG`, into 8 bits."""
+    """Turns pictures of one transfer characteristic, "PQ" or "HLG", into 8 bits."""
 
-    def __init__(self, transfer: int) -> None:
+    def __init__(self, transfer: str) -> None:
         signal = np.linspace(0, 1, LEVELS)
-        light_cd = _pq_light_cd(signal) if transfer == PQ else PEAK_CD * _hlg_scene_light(signal)
+        light_cd = _pq_light_cd(signal) if transfer == "PQ" else PEAK_CD * _hlg_scene_light(signal)
         self._light = (light_cd / WHITE_CD).astype(np.float32)
-        self._is_scene_light = transfer != PQ
+        self._is_scene_light = transfer != "PQ"
         shown = np.linspace(0, 1, LEVELS) ** (1 / DISPLAY_GAMMA)
         self._codes = np.rint(255 * shown).astype(np.uint8)
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import av
 import cv2
@@ -23,13 +23,16 @@ from encoder.capture.containers import open_container, readable_frames, video_st
 from encoder.capture.frame_times import is_usable_fps
 from encoder.capture.picture_size import in_square_pixels, letterboxed
 from encoder.capture.time_stamps import TimeStamps, read_time_stamps
-from encoder.capture.tone_mapping import HLG, PQ, ToneMapper
 from protocol.sample_aspect import is_stretched, usable_aspect
 from shared_model.arrays import Picture
 
+if TYPE_CHECKING:
+    from encoder.capture.tone_mapping import ToneMapper
+
 # FFmpeg's number of the colour matrix BT.709, as in ITU-T H.273.
 _BT709 = 1
-_TRANSFER_NAMES = {PQ: "PQ", HLG: "HLG"}
+# FFmpeg's numbers of transfer characteristics of high dynamic range.
+_TRANSFER_NAMES = {16: "PQ", 18: "HLG"}
 # One picture for each; what is progressive in between stays as it is.
 FILTER, OPTIONS = "bwdif", "mode=send_frame:parity=auto:deint=interlaced"
 
@@ -150,8 +153,11 @@ class VideoFile:
         transfer = frame.color_trc
         if transfer in _TRANSFER_NAMES:
             if self._mapper is None:
-                self._mapper = ToneMapper(transfer)
+                # Few sources need it, and whoever only looks at a source does without Numba.
+                from encoder.capture.tone_mapping import ToneMapper
+
                 name = _TRANSFER_NAMES[transfer]
+                self._mapper = ToneMapper(name)
                 self._note(f"pictures of high dynamic range ({name}) are tone-mapped")
             picture = self._mapper.apply(self._converted(frame, "rgb48le"))
         else:

@@ -20,6 +20,9 @@ INPUT_PX = 192
 # look only at one frame more after each further one, up to this many.
 _SEARCHES_BEFORE_BACKOFF = 4
 _MAX_BACKOFF = 8
+# A search by parts takes as long as a frame lasts.  After so many in vain, each is followed by so
+# many frames that are not looked at: a host that waits for a caller has other work.
+_PARTS_BEFORE_REST, _RESTING_FRAMES = 16, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,9 +168,7 @@ class LandmarkTracker:
     def _redetect(self, frame: Picture) -> Landmarks | None:
         """Search the whole frame, or a part, or take a quick look where the backoff says so."""
         if self._by_parts:
-            faces = self._detector.detect_part(frame)
-            self.face_count = len(faces)
-            return self._first_face(frame, faces)
+            return self._search_part(frame)
         if self._backoff:
             self._backoff -= 1
             return self._first_face(frame, self._detector.detect_large(frame))
@@ -177,6 +178,17 @@ class LandmarkTracker:
         misses = min(self._misses + 1, _SEARCHES_BEFORE_BACKOFF + _MAX_BACKOFF)
         self._misses = 0 if found else misses
         self._backoff = max(self._misses - _SEARCHES_BEFORE_BACKOFF, 0)
+        return found
+
+    def _search_part(self, frame: Picture) -> Landmarks | None:
+        if self._backoff:
+            self._backoff -= 1
+            return None
+        faces = self._detector.detect_part(frame)
+        self.face_count = len(faces)
+        found = self._first_face(frame, faces)
+        self._misses = 0 if found else self._misses + 1
+        self._backoff = _RESTING_FRAMES if self._misses >= _PARTS_BEFORE_REST else 0
         return found
 
     def _first_face(self, frame: Picture, faces: list[Detection]) -> Landmarks | None:

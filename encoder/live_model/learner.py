@@ -16,7 +16,7 @@ from encoder.learning.hidden_faces import HandWatch
 from encoder.learning.incremental_modes import LearnedMode, ModeLearner, ModeLimits
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
-from encoder.live_model.warm_up import warm_up
+from encoder.live_model.warm_up import is_loaded, warm_up
 from shared_model.arrays import Array, Picture
 from shared_model.surround import head_with_surround
 
@@ -79,7 +79,8 @@ class LocalLearner:
 
     def warm_up(self, video: VideoFormat, gop: GopStructure) -> None:
         """Run the work of a call from such a source once, see `warm_up`, and load the networks."""
-        warm_up(head_with_surround(), video, gop)
+        if not is_loaded():
+            warm_up(head_with_surround(), video, gop)
         blank = np.zeros((video.height, video.width, 3), np.uint8)
         self._hands.find(blank, np.array([(0, 0), (video.width, video.height)]))
 

@@ -13,11 +13,10 @@ from encoder.capture.video_source import VideoFormat
 from encoder.coding.background import Background
 from encoder.coding.gop import GopStructure
 from encoder.learning.incremental_modes import LearnedMode, ModeLimits
-from encoder.live_model import LEARNING_PROCESS
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
-from encoder.live_model.warm_up import warm_up
+from encoder.live_model.warm_up import is_loaded, warm_up
 from protocol.model_packet import ModelPacket
 from runtime.parallel import (
     low_priority_executor,
@@ -46,17 +45,23 @@ class LearningProcess:
         def fail(reason: str) -> None:
             on_failure(f"{reason}: nothing more is learned")
 
-        self._calls = RemoteCalls(LEARNING_PROCESS, fail, SHARED)
+        self._calls = RemoteCalls(__name__, fail, SHARED)
 
     @property
     def pid(self) -> int:
         """Number of the process."""
         return self._calls.pid
 
-    def warm_up(self, video: VideoFormat, gop: GopStructure) -> tuple[ModelPacket, bytes]:
-        """Warm up the learning process and its caller for a source, see `warm_up`."""
+    def warm_up(
+        self, video: VideoFormat, gop: GopStructure, is_drawn: bool
+    ) -> tuple[ModelPacket, bytes] | None:
+        """Warm up the learning process and its caller for a source, see `warm_up`.
+
+        is_drawn: what that returns is wanted; else it may be None.
+        """
         other = self._calls.call_awaited("warm_up", video, gop)
-        drawn = warm_up(head_with_surround(), video, gop)
+        needs_work = is_drawn or not is_loaded()
+        drawn = warm_up(head_with_surround(), video, gop) if needs_work else None
         wait([other])
         return drawn
 

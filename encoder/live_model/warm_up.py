@@ -1,16 +1,19 @@
 """Runs an encoder's work once, on noise: what runs for the first time takes long.
 
 Compiled loops are loaded then, or compiled if that has not been done on this machine.  No frame of
-a live call may wait for that, and nobody's first call should.
+a live call may wait for that, and nobody's first call should.  Processes that a loaded process has
+become (`runtime.fork_server`) are loaded.
 """
 
 from dataclasses import replace
+from fractions import Fraction
+from functools import cache
 
 import numpy as np
 
 from encoder.capture.video_source import VideoFormat
 from encoder.coding.background import BackgroundImage
-from encoder.coding.gop import GopStructure
+from encoder.coding.gop import GopStructure, gop_for_fps
 from encoder.coding.model_packet import BUDGETS
 from encoder.coding.rdo_quantiser import code_packet
 from encoder.detection.landmark_indices import LANDMARK_COUNT
@@ -30,18 +33,32 @@ from runtime.robust_mean import robust_mean
 from shared_model.arrays import Array
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera, pose_from_euler
 from shared_model.mesh import Head
+from shared_model.surround import head_with_surround
 
 # Side of the background, pixels: loops are loaded for any size, and one of the source's size would
 # take as long as all the rest.
 BACKGROUND_SIDE = 64
 # Distance of the face, and the size of its model.
 DISTANCE_MM = 600.0
-BYTES, MODES, FRAMES = 1500, 2, 4
+BYTES, MODES, FRAMES = 1500, 2, 2
 SAMPLES_PER_S = 8.0
 # Of the frame packet, 0 (finest) to 31.
 QUALITY = 10
 # Grey levels of the noise: more of it takes longer to encode.
 GREY = (120, 137)
+# A source for which tables are small.
+SMALL = VideoFormat(96, 96, Fraction(30), "bt601")
+
+
+@cache
+def load() -> None:
+    """Load what any live call needs, in this process and those that it becomes."""
+    warm_up(head_with_surround(), SMALL, gop_for_fps(SMALL.fps, None))
+
+
+def is_loaded() -> bool:
+    """Whether `load` has been called, here or in the process that has become this one."""
+    return bool(load.cache_info().currsize)
 
 
 def warm_up(head: Head, video: VideoFormat, gop: GopStructure) -> tuple[ModelPacket, bytes]:

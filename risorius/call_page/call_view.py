@@ -1,11 +1,9 @@
 """A one-way call on a page while it is decoded, or while it is sent."""
 
 import fcntl
-import os
 import subprocess
 import sys
 import time
-import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
 from typing import BinaryIO, Self, cast
@@ -18,6 +16,7 @@ from risorius.call_page.face_message import FaceMessage, ModelMessage, face_valu
 from risorius.call_page.messages import PictureMessage, Stream
 from risorius.call_page.numbered_models import NumberedModels
 from risorius.call_page.page_thread import PageThread
+from risorius.page.users_browser import open_browser
 from shared_model.arrays import Samples
 
 # An interrupted program ends within about this time.
@@ -152,9 +151,3 @@ class SentView:
         with suppress(OSError):
             self.stream.close()
         self._process.wait()
-
-
-def open_browser(address: str) -> None:
-    """Open a page in the user's browser, if this host has a screen."""
-    if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
-        webbrowser.open(address)

@@ -11,6 +11,7 @@ from risorius.command_line.argument_types import bitrate, port
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import say, warn
 from risorius.live_call.call_place import add_place, read_place
+from risorius.live_call.loading import start_loading
 from risorius.live_call.messages import BROWSER, CAMERA_SOUND, OwnMedia
 from shared_model.errors import UserError
 
@@ -112,6 +113,7 @@ def _add_page(parser: argparse.ArgumentParser) -> None:
 
 def run_call(arguments: argparse.Namespace) -> int:
     """`risorius call`: hanging up is its normal end."""
+    start_loading()
     from risorius.live_call.live_call import run_call as hold
 
     def announce(address: str) -> None:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from encoder.live_model import LEARNING_PROCESS
 from encoder.option_rules import Options, as_typed, checked_options, reject
 from protocol.link.interface import LinkOptions, Reachability
 from risorius.command_line.call_link import (
@@ -32,7 +31,7 @@ from risorius.command_line.parser import INTERRUPTED, add_command
 from risorius.command_line.progress import ProgressLine, warn
 from risorius.command_line.signals import StopOnSignal
 from risorius.command_line.standard_streams import output_of
-from runtime.child_process import start_early
+from runtime.child_process import start_fork_server
 from shared_model.errors import LINK_FAILED, UserError
 
 if TYPE_CHECKING:
@@ -87,8 +86,8 @@ def run_encode(arguments: argparse.Namespace) -> int:
         reject(vars(arguments), LINK_OPTIONS, "-o")
     check_ports(arguments)
     if arguments.profile == "default" and _is_in_real_time(arguments):
-        # It loads its libraries while this process loads its own.
-        start_early(LEARNING_PROCESS)
+        # It loads while this process loads, and becomes the learning process.
+        start_fork_server("encoder.live_model.warm_up", "load")
     from loopback.report import figures_of, write_json
 
     with ExitStack() as stack:

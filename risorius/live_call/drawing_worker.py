@@ -136,8 +136,8 @@ class _Drawing:
     def _open(self) -> PacketSource:
         link = self._options.link
         if link is None:
-            assert self._options.stream is not None
-            return StampedSource(CallReader(os.fdopen(self._options.stream, "rb")))
+            assert self._worker.pipe is not None
+            return StampedSource(CallReader(os.fdopen(self._worker.pipe, "rb")))
         return open_link_source(link, self._worker.tell_of_link)
 
     def _open_again(self) -> PacketSource:

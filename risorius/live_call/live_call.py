@@ -11,14 +11,12 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
-from encoder.live_model import LEARNING_PROCESS
 from encoder.sound.speech_encoder import speech_rate_hz
 from protocol.endpoint import parse_endpoint
 from protocol.link.direction import Direction, DirectionMessage
 from protocol.link.interface import LinkOptions
 from protocol.link.zenoh_direction import ZenohDirection
 from protocol.relay.zenoh_relay import Relay, RelayOptions
-from risorius.call_page.call_view import open_browser
 from risorius.call_page.face_message import FaceMessage, ModelMessage
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_clock import PageClock
@@ -26,6 +24,7 @@ from risorius.call_page.page_server import PageServer
 from risorius.live_call.call_place import own_address
 from risorius.live_call.call_status import CallStatus
 from risorius.live_call.invitation_card import card, watch_address
+from risorius.live_call.loading import go_on_loading
 from risorius.live_call.messages import (
     BROWSER,
     CameraPicture,
@@ -50,6 +49,7 @@ from risorius.live_call.messages import (
     Trouble,
 )
 from risorius.live_call.worker_process import WorkerProcess
+from risorius.page.users_browser import open_browser
 from shared_model.errors import LINK_FAILED, UserError
 
 # What the names of a call's two directions end with.
@@ -138,6 +138,7 @@ class _LiveCall:
         self._failure: UserError | None = None
         self._status = CallStatus(self._page, self._clock, options.link, tell)
         self._workers: list[WorkerProcess] = []
+        self._has_begun = False  # the workers know what to do
         self._ends: ZenohDirection | None = None
         self._running = 0  # counts how often the workers have been started
         self._recorded: dict[str, Path | None] = {}  # the call file of each side
@@ -154,10 +155,11 @@ class _LiveCall:
                 announce(self._page.address)
                 # In a thread that is not waited for: some browsers return when they are closed.
                 Thread(target=open_browser, args=(self._page.address,), daemon=True).start()
+                self._start_workers()
                 ends = await asyncio.to_thread(self._open_ends, loop)
                 with ends:
                     self._ends = ends
-                    self._start(await asyncio.to_thread(ends.settle))
+                    self._begin(await asyncio.to_thread(ends.settle))
                     self._page.tell("faces")
                     self._setup()
                     self._invite()
@@ -191,27 +193,32 @@ class _LiveCall:
 
     def _restart(self, direction: Direction) -> None:
         """Two ends that came at once had taken the same direction."""
-        if not self._over.is_set() and self._workers:
+        if not self._over.is_set() and self._has_begun:
             for worker in self._workers:
                 worker.close()
-            self._start(direction)
+            self._start_workers()
+            self._begin(direction)
 
-    def _start(self, direction: Direction) -> None:
+    def _start_workers(self) -> None:
+        """Start the workers, which load what they need; they do nothing yet."""
         self._running += 1
-        ours, theirs = SUFFIXES[direction], SUFFIXES[direction.other]
         own_picture, monitor = os.pipe()
-        sending = SendingOptions(self._direction(ours), self._options.media, monitor)
-        other = DrawingOptions(self._direction(theirs))
-        oneself = DrawingOptions(None, own_picture, SELF_FPS)
         try:
-            self._sender = self._worker(
-                "sending_worker", sending, (monitor,), self._receive_sending
-            )
-            self._other = self._worker("drawing_worker", other, (), self._receive_other)
-            self._self = self._worker("drawing_worker", oneself, (own_picture,), self._receive_self)
+            self._other = self._worker("drawing_worker", None, self._receive_other)
+            self._self = self._worker("drawing_worker", own_picture, self._receive_self)
+            go_on_loading()
+            self._sender = self._worker("sending_worker", monitor, self._receive_sending)
         finally:
             for descriptor in (own_picture, monitor):
                 os.close(descriptor)
+
+    def _begin(self, direction: Direction) -> None:
+        """Let the workers send and receive."""
+        ours, theirs = SUFFIXES[direction], SUFFIXES[direction.other]
+        self._other.run(DrawingOptions(self._direction(theirs)))
+        self._self.run(DrawingOptions(None, SELF_FPS))
+        self._sender.run(SendingOptions(self._direction(ours), self._options.media))
+        self._has_begun = True
         self._draw(self._draws)
 
     def _draw(self, is_needed: bool) -> None:
@@ -223,8 +230,7 @@ class _LiveCall:
     def _worker(
         self,
         module: str,
-        options: SendingOptions | DrawingOptions,
-        descriptors: tuple[int, ...],
+        pipe: int | None,
         receive: Callable[[FromWorker | None], None],
     ) -> WorkerProcess:
         """Start a worker; it is ended with the call."""
@@ -235,9 +241,7 @@ class _LiveCall:
             if running == self._running:
                 receive(message)
 
-        early = [LEARNING_PROCESS] if isinstance(options, SendingOptions) else []
-        name = f"risorius.live_call.{module}"
-        worker = WorkerProcess(name, options, descriptors, take, loop, early)
+        worker = WorkerProcess(f"risorius.live_call.{module}", pipe, take, loop)
         self._workers.append(worker)
         return worker
 

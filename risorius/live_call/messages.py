@@ -40,15 +40,13 @@ class OwnMedia:
 
 @dataclass(frozen=True, slots=True)
 class SendingOptions:
-    """What is sent, and where to.
+    """What is sent, and where to; the worker's pipe gets the call as well.
 
     link: of this direction of the call.
-    monitor: descriptor of a pipe that gets the call as well.
     """
 
     link: LinkOptions
     media: OwnMedia
-    monitor: int | None
 
 
 CAMERA_SOUND = "camera"
@@ -58,12 +56,11 @@ CAMERA_SOUND = "camera"
 class DrawingOptions:
     """What is drawn.
 
-    link: of the direction that is drawn; None: it comes from the descriptor `stream`.
+    link: of the direction that is drawn; None: the call comes from the worker's pipe.
     fps: pictures a second that are drawn, about; None: all.
     """
 
     link: LinkOptions | None
-    stream: int | None = None
     fps: float | None = None
 
 

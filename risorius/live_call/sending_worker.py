@@ -3,6 +3,7 @@
 import os
 from contextlib import ExitStack
 from threading import Event
+from typing import BinaryIO
 
 from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats
@@ -42,7 +43,10 @@ def run(worker: WorkerConnection, options: SendingOptions) -> None:
         stack.callback(recorder.close)
         devices = stack.enter_context(Devices(options.media))
         worker.in_background(lambda: _obey(worker, devices, recorder, face_on))
-        sent = _Sent(options, devices, recorder, stack, worker.tell_of_link)
+        monitor = None
+        if worker.pipe is not None:
+            monitor = stack.enter_context(os.fdopen(worker.pipe, "wb", buffering=0))
+        sent = _Sent(options, monitor, devices, recorder, stack, worker.tell_of_link)
         worker.every_second(sent.figures)
         capture = devices.capture()
         if capture is None:
@@ -87,14 +91,12 @@ class _Sent:
     def __init__(
         self,
         options: SendingOptions,
+        monitor: BinaryIO | None,
         devices: Devices,
         recorder: CallRecorder,
         stack: ExitStack,
         on_message: MessageCallback,
     ) -> None:
-        monitor = None
-        if options.monitor is not None:
-            monitor = stack.enter_context(os.fdopen(options.monitor, "wb", buffering=0))
         self.options = EncodeOptions(
             options.media.camera,
             monitor=monitor,

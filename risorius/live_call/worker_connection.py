@@ -11,7 +11,7 @@ from typing import Any
 
 from protocol.link.link_protection import STRANGERS
 from risorius.live_call.messages import FromWorker, Strangers, Trouble
-from runtime.child_process import start_early
+from runtime.fork_server import name_process
 from runtime.object_stream import ObjectStream
 from shared_model.errors import UserError
 
@@ -22,11 +22,13 @@ FIGURES_S = 1.0
 class WorkerConnection:
     """The connection of a worker to the process of the page.
 
+    pipe: descriptor of a pipe that the worker has been given; None: none.
     is_over: set once that is gone, or wants the worker to end.
     """
 
-    def __init__(self, stream: ObjectStream) -> None:
+    def __init__(self, stream: ObjectStream, pipe: int | None = None) -> None:
         self._stream, self._lock, self.is_over = stream, Lock(), Event()
+        self.pipe = pipe
 
     def send(self, message: FromWorker) -> None:
         """Send a message; any thread may.  Without anybody to receive it, it is lost."""
@@ -73,20 +75,23 @@ class WorkerConnection:
                 return
 
 
-def serve(descriptor: int, module: str, *early: str) -> None:
+def serve(descriptor: int, module: str, pipe: int | None = None) -> None:
     """Run a worker, `module`.run: its options come first over the socket.
 
-    early: modules of processes that it will start, see `start_early`.
+    pipe: see `WorkerConnection`.
 
     A mistake of the user ends it with a message.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    name_process(module)
     run: Callable[[WorkerConnection, Any], None] = import_module(module).run
-    for each in early:
-        start_early(each)
     stream = ObjectStream(socket.socket(fileno=descriptor))
-    worker = WorkerConnection(stream)
-    options = stream.receive()
+    worker = WorkerConnection(stream, pipe)
+    try:
+        options = stream.receive()
+    except EOFError:
+        # The call has ended before it began.
+        return
     try:
         run(worker, options)
     except UserError as error:

@@ -3,7 +3,7 @@
 import asyncio
 import subprocess
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from threading import Condition, Thread
 
@@ -26,32 +26,35 @@ END_S = 5.0
 
 
 class WorkerProcess:
-    """A process that runs `module`.run until it is closed.
+    """A process that runs `module`.run until it is closed; its options come later.
 
-    descriptors: of this process, that it gets.
-    early: modules of processes that it will start, see `start_early`.
+    pipe: descriptor of a pipe that it gets; None: none.
     receive: called in `loop` with each of its messages, and with None when it has ended.
     """
 
     def __init__(
         self,
         module: str,
-        options: SendingOptions | DrawingOptions,
-        descriptors: tuple[int, ...],
+        pipe: int | None,
         receive: Callable[[FromWorker | None], None],
         loop: asyncio.AbstractEventLoop,
-        early: Sequence[str] = (),
     ) -> None:
         self._process, ours = start_child(
-            "risorius.live_call.worker_connection", [module, *early], descriptors
+            "risorius.live_call.worker_connection", [module], [] if pipe is None else [pipe]
         )
         self._stream = ObjectStream(ours)
-        self._stream.send(options)
         self._receive_message, self._loop = receive, loop
-        self._waiting = deque[ToSender | ToDrawer]()
-        self._changed, self._is_closed = Condition(), False
+        self._waiting = deque[SendingOptions | DrawingOptions | ToSender | ToDrawer]()
+        self._changed, self._has_begun, self._is_closed = Condition(), False, False
         Thread(target=self._receive, daemon=True).start()
         Thread(target=self._send, daemon=True).start()
+
+    def run(self, options: SendingOptions | DrawingOptions) -> None:
+        """Let it begin; messages wait until then."""
+        with self._changed:
+            self._waiting.appendleft(options)
+            self._has_begun = True
+            self._changed.notify()
 
     def send(self, message: ToSender | ToDrawer) -> None:
         """Send a message; of pictures and sound the oldest go if too many wait."""
@@ -71,7 +74,9 @@ class WorkerProcess:
             self._changed.notify()
 
     def wait(self) -> None:
-        """Wait until the process has ended; it is killed if it takes too long."""
+        """Wait until the process has ended; it is killed if it takes too long, or has not begun."""
+        if not self._has_begun:
+            self._process.kill()
         try:
             self._process.wait(END_S)
         except subprocess.TimeoutExpired:
@@ -82,9 +87,9 @@ class WorkerProcess:
         with suppress(OSError):
             while True:
                 with self._changed:
-                    while not self._waiting and not self._is_closed:
+                    while not (self._has_begun and self._waiting) and not self._is_closed:
                         self._changed.wait()
-                    if not self._waiting:
+                    if not (self._has_begun and self._waiting):
                         break
                     message = self._waiting.popleft()
                 self._stream.send(message)

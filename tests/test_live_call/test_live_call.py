@@ -231,9 +231,15 @@ def record_and_reload(browser: Browser, watcher: Watcher, second: Any, folder: P
 def kill_with_parts(process: "subprocess.Popen[str]") -> None:
     """As if its host went down: no part of it says goodbye."""
     process.send_signal(signal.SIGSTOP)
-    for child in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split():
-        os.kill(int(child), signal.SIGKILL)
+    for part in descendants(process.pid):
+        os.kill(part, signal.SIGKILL)
     process.kill()
+
+
+def descendants(pid: int) -> list[int]:
+    """The children of a process, and theirs; a child comes before its own."""
+    children = map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())
+    return [each for child in children for each in (child, *descendants(child))]
 
 
 def come_back_and_be_killed(browser: Browser, second: "subprocess.Popen[str]") -> None:

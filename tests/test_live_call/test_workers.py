@@ -77,7 +77,7 @@ def test_who_sends_waits_as_long_as_the_user_says(tmp_path: Path) -> None:
         sink.write(np.zeros((16, 16, 3), np.uint8))
     where = f"127.0.0.1:{free_port()}"
     link = LinkOptions("anna-a", connect=(where,), connect_timeout_s=0.2)
-    options = SendingOptions(link, OwnMedia(str(clip), None, "off", 800.0, False), None)
+    options = SendingOptions(link, OwnMedia(str(clip), None, "off", 800.0, False))
     ours, theirs = map(ObjectStream, socket.socketpair())
     with closing(ours), pytest.raises(UserError, match=r"cannot reach .* within 0\.2 s"):
         sending_worker.run(WorkerConnection(theirs), options)

@@ -170,6 +170,7 @@ class Nobody:
         return []
 
     def detect_part(self, frame: Picture) -> list[Detection]:
+        self.asked += 1
         return []
 
 
@@ -183,6 +184,15 @@ def test_detection_backs_off_while_there_is_no_face(networks: Path) -> None:
     for _ in range(90):
         assert tracker.update(empty) is None
     assert nobody.asked < 20
+
+
+def test_a_search_by_parts_rests_while_there_is_no_face(networks: Path) -> None:
+    nobody = Nobody()
+    tracker = LandmarkTracker(networks, nobody, searches_by_parts=True)
+    empty = np.zeros((120, 160, 3), np.uint8)
+    for _ in range(16 + 100):
+        assert tracker.update(empty) is None
+    assert nobody.asked == 16 + 25
 
 
 def test_landmarks_in_a_given_roi_need_no_detector(networks: Path, clip_frames: ClipFrames) -> None:
