@@ -4,12 +4,14 @@
     python -m benchmarks figures CLIP... [--out DIR] [--only recorded curves ...]
 
 A set whose report is in DIR already is not measured again.  Speed and paced calls mean something
-only if the computer has nothing else to do.
+only if the computer has nothing else to do.  Paced calls are measured as on a host of one speed,
+see `slow_clock`.
 """
 
 import argparse
 import json
 import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -50,6 +52,8 @@ SETS = {
     },
     "curves": {"curves": ["--against", "svtav1,x265,x264,vp9"]},
 }
+# Sets in real time, and the speed of the host that they are measured as on, see `slow_clock`.
+PACED_SETS, ADDITIONS_S = ("paced", "busy"), 0.33
 # Of these so many frames are measured, which take long.
 SHORT_SETS = ("rungs", "curves")
 # Columns of a table by the name of their figure, with digits.
@@ -96,7 +100,7 @@ def markdown(name: str, reports: Sequence[Mapping[str, Any]]) -> str:
     if len(reports) > 1:
         return _ways_markdown(name, reports)
     clips = reports[0]["clips"]
-    columns = COLUMNS | (PACED_COLUMN if name in ("paced", "busy") else {})
+    columns = COLUMNS | (PACED_COLUMN if name in PACED_SETS else {})
     rows = [[Path(clip["source"]).stem, *_figures(clip, columns)] for clip in clips]
     mean = mean_figures(clips)
     rows.append(["**mean**", *_figures(mean, columns)])
@@ -172,9 +176,11 @@ def _frames(name: str) -> int:
 
 def _shown_commands(name: str) -> str:
     """What measures a set; which row is of which command, where there are several."""
-    frames = _frames(name)
+    frames, prefix = _frames(name), ""
+    if name in PACED_SETS:
+        prefix = f"python -m benchmarks slow_clock {ADDITIONS_S} "
     lines = {
-        folder: f"    risorius bench {' '.join(options)} CLIP... --max-frames {frames}"
+        folder: f"    {prefix}risorius bench {' '.join(options)} CLIP... --max-frames {frames}"
         for folder, options in SETS[name].items()
     }
     if len(lines) > 1:
@@ -209,7 +215,7 @@ def main(arguments: Sequence[str]) -> None:
         for folder, command in commands(name, options.clip, options.out).items():
             report = folder / "report.json"
             if not is_whole(report, len(options.clip)):
-                done = subprocess.run([*PROGRAM, *command])
+                done = subprocess.run([*_clock(name), *PROGRAM, *command])
                 if done.returncode or not report.is_file():
                     raise UserError(f"the set {name} failed")
             reports.append(json.loads(report.read_text(encoding="utf-8")))
@@ -217,6 +223,13 @@ def main(arguments: Sequence[str]) -> None:
         MEASUREMENTS.write_text(text, encoding="utf-8")
         if name == "curves":
             draw_curves(reports[0], MEASUREMENTS.parent / "figures" / "curves.svg")
+
+
+def _clock(name: str) -> list[str]:
+    """What a set's command is run by."""
+    if name not in PACED_SETS:
+        return []
+    return [sys.executable, "-m", "benchmarks", "slow_clock", str(ADDITIONS_S)]
 
 
 def is_whole(report: Path, clips: int) -> bool:
