@@ -4,7 +4,7 @@
 
 Python takes SECONDS to add five million times on the host that is asked for.  This one takes
 longer: by that ratio all clocks of the program and of what it starts go slower, CPU time too, and
-their waits last longer.  So a call in real time has the cores, and a second of it the work, of that host.
+their waits last longer.  So a call in real time has cores as fast as those of that host.
 Cores of another kind, their caches and their memory are not imitated.  The rate of the clocks is
 printed to standard error.
 """
