@@ -5,7 +5,7 @@
 
 A set whose report is in DIR already is not measured again.  Speed and paced calls mean something
 only if the computer has nothing else to do.  Paced calls are measured as on a host of one speed,
-see `slow_clock`.
+which this one must not be faster than, see `slow_clock`.
 """
 
 import argparse

@@ -8,9 +8,9 @@ import sys
 from collections.abc import Sequence
 
 from runtime.fork_server import (
-    CAN_FORK,
     ForkedChild,
     ForkServer,
+    can_fork,
     current_server,
     request_sockets,
     use_server,
@@ -31,9 +31,12 @@ def start_fork_server(module: str, function: str) -> None:
     """Let all children come from one process, which first calls a function of a module.
 
     That loads what they need, while this process goes on.  It ends with this one.  Where the system
-    has none, children start afresh.
+    has none, children start afresh; where there is one already, it loads this as well.
     """
-    if not CAN_FORK:
+    if server := current_server():
+        server.run(module, function)
+        return
+    if not can_fork():
         return
     theirs, ours = request_sockets()
     with theirs:

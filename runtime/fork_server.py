@@ -15,20 +15,19 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from select import select
+from threading import Lock
+from time import monotonic
 
 RUN, FORK = "run", "fork"
 MAX_BYTES, MAX_DESCRIPTORS = 1 << 16, 16
 # What the system keeps of the name of a process.
 NAME_LENGTH = 15
-# A child of another process can be waited for by its descriptor alone.
-CAN_FORK = sys.platform == "linux" and hasattr(os, "pidfd_open")
 
 
 class ForkedChild:
@@ -40,6 +39,7 @@ class ForkedChild:
     def __init__(self, told: socket.socket) -> None:
         self._told, self._pid = told, -1
         self._descriptor: int | None = None
+        self._lock = Lock()  # of what the server tells, once
 
     @property
     def pid(self) -> int:
@@ -53,17 +53,17 @@ class ForkedChild:
         if not self._is_told(0):
             # The server ends it when it cannot tell of it.
             self._told.shutdown(socket.SHUT_RDWR)
-        elif (process := self._process()) is not None:
-            with suppress(ProcessLookupError):
-                signal.pidfd_send_signal(process, signal.SIGKILL)
+        # It may have been told of just before.
+        if (process := self._process()) is not None:
+            _kill(process)
 
     def wait(self, timeout: float | None = None) -> None:
-        """Wait until it has ended.  Raises `subprocess.TimeoutExpired` after so many seconds,
-        or after twice as many if it was not there yet.
-        """
+        """Wait until it has ended.  Raises `subprocess.TimeoutExpired` after so many seconds."""
+        start_s = monotonic()
         if self._is_told(timeout):
             process = self._process()
-            if process is None or select([process], [], [], timeout)[0]:
+            left_s = None if timeout is None else max(0.0, timeout - (monotonic() - start_s))
+            if process is None or select([process], [], [], left_s)[0]:
                 return
         raise subprocess.TimeoutExpired("a forked process", timeout or 0)
 
@@ -72,11 +72,12 @@ class ForkedChild:
 
     def _process(self) -> int | None:
         """Its descriptor; waits until the server has told of it.  None: the server cannot."""
-        if self._pid < 0:
-            data, descriptors, *_ = socket.recv_fds(self._told, MAX_BYTES, 1)
-            self._pid = int(data or 0)
-            self._descriptor = descriptors[0] if descriptors else None
-        return self._descriptor
+        with self._lock:
+            if self._pid < 0:
+                data, descriptors, *_ = socket.recv_fds(self._told, MAX_BYTES, 1)
+                self._descriptor = descriptors[0] if descriptors else None
+                self._pid = int(data or 0)
+            return self._descriptor
 
     def __del__(self) -> None:
         self._told.close()
@@ -142,8 +143,8 @@ class _Server:
         self, module: str, arguments: list[str], descriptors: list[int]
     ) -> Callable[[], None] | None:
         ours, theirs = request_sockets()
-        pid = os.fork()
         told, *given = descriptors
+        pid = os.fork()
         if pid == 0:
             for client in (*self._clients, ours):
                 client.close()
@@ -164,9 +165,15 @@ def _tell_of(pid: int, told: socket.socket) -> None:
         try:
             socket.send_fds(told, [str(pid).encode()], [descriptor])
         except OSError:
-            os.kill(pid, signal.SIGKILL)
+            _kill(descriptor)
         finally:
             os.close(descriptor)
+
+
+def _kill(process: int) -> None:
+    """End the process of a descriptor, if it has not ended."""
+    with suppress(ProcessLookupError):
+        signal.pidfd_send_signal(process, signal.SIGKILL)
 
 
 def _become(requests: socket.socket, module: str, arguments: list[str | int]) -> None:
@@ -186,6 +193,15 @@ def serve(descriptor: int) -> None:
     become = _Server(socket.socket(fileno=descriptor)).serve()
     if become is not None:
         become()
+
+
+def can_fork() -> bool:
+    """Whether this system has descriptors of processes, by which others than the parent wait."""
+    try:
+        os.close(os.pidfd_open(os.getpid()))
+    except (AttributeError, OSError):
+        return False
+    return True
 
 
 def request_sockets() -> tuple[socket.socket, socket.socket]:

@@ -74,6 +74,9 @@ class RemoteCalls:
         self._is_closing = True
         self._process.kill()
         self._process.wait()
+        with suppress(OSError):
+            # What is being sent to a process that never was there ends.
+            self._stream.end()
         self._sender.shutdown(cancel_futures=True)
         self._stream.close()
 

@@ -35,6 +35,7 @@ from loopback.clip_paths import CARPHONE, clip_path
 from loopback.judge.observer import ENVIRONMENT_VARIABLE
 from loopback.process_pair import free_port
 from risorius.cli import main
+from runtime.fork_server import use_server
 from shared_model.arrays import Picture
 from shared_model.errors import UserError
 
@@ -88,6 +89,13 @@ def default_signal_handlers() -> Iterator[None]:
     yield
     signal.signal(signal.SIGINT, interrupt)
     signal.signal(signal.SIGHUP, hang_up)
+
+
+@pytest.fixture(autouse=True)
+def children_that_start_afresh() -> Iterator[None]:
+    """Leave the fork server that a test has started."""
+    yield
+    use_server(None)
 
 
 @pytest.fixture(scope="session")

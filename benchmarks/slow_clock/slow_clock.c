@@ -6,7 +6,7 @@
 
 #define _GNU_SOURCE
 #include <dlfcn.h>
-#include <errno.h>
+#include <limits.h>
 #include <linux/futex.h>
 #include <poll.h>
 #include <pthread.h>
@@ -24,7 +24,7 @@
 #include <unistd.h>
 
 #define SECOND 1000000000LL
-#define MILLISECOND 1000000LL
+#define LONGEST (INT64_MAX / 4)
 /* Times of the monotonic clock, seconds, are smaller, those of the other one larger. */
 #define LEAST_REAL_TIME 1000000000LL
 
@@ -39,7 +39,12 @@ static void *real(const char *name) {
   return found;
 }
 
-static int64_t ns_of(const struct timespec *time) { return time->tv_sec * SECOND + time->tv_nsec; }
+/* Waits without an end are as long as what the type holds, and stay so. */
+static int64_t saturated(double ns) { return ns < (double)LONGEST ? (int64_t)ns : LONGEST; }
+
+static int64_t ns_of(const struct timespec *time) {
+  return saturated((double)time->tv_sec * SECOND) + time->tv_nsec;
+}
 
 static struct timespec timespec_of(int64_t ns) {
   if (ns < 0) ns = 0;
@@ -78,14 +83,17 @@ static int64_t slowed(clockid_t clock, int64_t ns) {
 /* The real time at which a slowed clock shows a time. */
 static struct timespec real_time_of(clockid_t clock, const struct timespec *time) {
   int64_t origin = origin_of(clock);
-  return timespec_of(origin + (int64_t)((double)(ns_of(time) - origin) / rate));
+  return timespec_of(origin + saturated((double)(ns_of(time) - origin) / rate));
 }
 
 static struct timespec longer(const struct timespec *span) {
-  return timespec_of((int64_t)((double)ns_of(span) / rate));
+  return timespec_of(saturated((double)ns_of(span) / rate));
 }
 
-static int longer_ms(int ms) { return ms <= 0 ? ms : (int)(ms / rate + 0.5); }
+static int longer_ms(int ms) {
+  double longer = ms / rate + 0.5;
+  return ms <= 0 ? ms : longer < INT_MAX ? (int)longer : INT_MAX;
+}
 
 /* Clocks. */
 

@@ -21,7 +21,7 @@ INPUT_PX = 192
 _SEARCHES_BEFORE_BACKOFF = 4
 _MAX_BACKOFF = 8
 # A search by parts takes as long as a frame lasts.  After so many in vain, each is followed by so
-# many frames that are not looked at: a host that waits for a caller has other work.
+# many frames that are not looked at: a host where nobody is in the picture has other work.
 _PARTS_BEFORE_REST, _RESTING_FRAMES = 16, 3
 
 
@@ -84,7 +84,7 @@ class LandmarkTracker:
     refine_eyelids: take the eyelids from the iris network, see `IrisLandmarker.replace_eyelids`.
     eye_crop_scale: see `IrisLandmarker`.
     searches_by_parts: a frame without a face takes little longer than another one; a small face may
-        be found some frames later.
+        be found some frames later, and after a while without one any face up to three.
     alternates_eyes: see `eyelids_of_frame`.
     """
 

@@ -78,7 +78,9 @@ class LocalLearner:
         self._hands = HandWatch()
 
     def warm_up(self, video: VideoFormat, gop: GopStructure) -> None:
-        """Run the work of a call from such a source once, see `warm_up`, and load the networks."""
+        """Run the work of a call from such a source once unless all is loaded, see `warm_up`; load
+        the networks.
+        """
         if not is_loaded():
             warm_up(head_with_surround(), video, gop)
         blank = np.zeros((video.height, video.width, 3), np.uint8)

@@ -55,7 +55,8 @@ class LearningProcess:
     def warm_up(
         self, video: VideoFormat, gop: GopStructure, is_drawn: bool
     ) -> tuple[ModelPacket, bytes] | None:
-        """Warm up the learning process and its caller for a source, see `warm_up`.
+        """Warm up the learning process and its caller for a source, see `warm_up`, as far as they
+        are not loaded.
 
         is_drawn: what that returns is wanted; else it may be None.
         """

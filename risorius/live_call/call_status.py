@@ -9,7 +9,7 @@ from protocol.link.interface import LinkOptions, Reachability
 from risorius.call_page.page_clock import PageClock
 from risorius.call_page.page_server import PageServer
 from risorius.live_call.call_words import cost_words, delay_ms, state_words, stranger_words
-from risorius.live_call.messages import Presence, Receiving, Sending
+from risorius.live_call.messages import WARMING_UP, Presence, Receiving, Sending
 
 
 class CallStatus:
@@ -65,7 +65,7 @@ class CallStatus:
         begun_s = None if sending is None else sending.begun_s
         self._page.tell(
             "costs",
-            text=cost_words(sending, receiving),
+            text=cost_words(sending, receiving) or WARMING_UP,
             delay_ms=delay_ms(sending, receiving),
             begun_ms=None if begun_s is None else self._clock.page_ms(begun_s),
             fps=None if sending is None else sending.fps,

@@ -159,7 +159,9 @@ class _LiveCall:
                 ends = await asyncio.to_thread(self._open_ends, loop)
                 with ends:
                     self._ends = ends
-                    self._begin(await asyncio.to_thread(ends.settle))
+                    direction = await asyncio.to_thread(ends.settle)
+                    if not self._over.is_set():
+                        self._begin(direction)
                     self._page.tell("faces")
                     self._setup()
                     self._invite()

@@ -1,4 +1,5 @@
-"""What the workers of a call need, loaded once, by the fork server that becomes them."""
+"""What the workers of a call need, loaded by the fork server that becomes them: libraries for all
+of them, compiled loops for who sends and who learns, which are asked for later."""
 
 from functools import cache
 from importlib import import_module

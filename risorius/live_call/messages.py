@@ -50,6 +50,8 @@ class SendingOptions:
 
 
 CAMERA_SOUND = "camera"
+# What an end does before it can look for a face, for the user.
+WARMING_UP = "warming up"
 
 
 @dataclass(frozen=True, slots=True)

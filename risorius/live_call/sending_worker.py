@@ -15,6 +15,7 @@ from protocol.link.interface import MessageCallback, PacketSink
 from protocol.packets import PacketKind, packet_kind
 from risorius.live_call.devices import Devices
 from risorius.live_call.messages import (
+    WARMING_UP,
     Device,
     Record,
     Sending,
@@ -141,7 +142,7 @@ class SentFace:
     """
 
     def __init__(self) -> None:
-        self.preparing = ""
+        self.preparing = WARMING_UP
         self._models = self._details = 0
 
     def add(self, packet: bytes) -> None:

@@ -1,13 +1,16 @@
 """The workers of a call: what ends them, and what they say of it."""
 
+import asyncio
 import socket
 from contextlib import closing
 from fractions import Fraction
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
 import pytest
+from processes import LIMIT_S
 
 from decoder.sinks.frame_sink import open_sink
 from loopback.process_pair import free_port
@@ -24,6 +27,8 @@ from risorius.live_call.messages import (
 )
 from risorius.live_call.packets.traffic_meter import MeteredSource
 from risorius.live_call.worker_connection import WorkerConnection
+from risorius.live_call.worker_process import WorkerProcess
+from runtime.child_process import start_fork_server
 from runtime.object_stream import ObjectStream
 from shared_model.errors import UserError
 
@@ -69,6 +74,22 @@ def test_any_other_error_ends_the_worker() -> None:
     with pytest.raises(AttributeError):
         worker.obey(do)
     assert worker.is_over.is_set()
+
+
+def test_a_worker_that_does_not_run_yet_is_ended_while_the_fork_server_loads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "lingering.py").write_text("import time\ndef load(): time.sleep(9999)\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    start_fork_server("lingering", "load")
+    loop = asyncio.new_event_loop()
+    with closing(loop):
+        worker = WorkerProcess("risorius.live_call.drawing_worker", None, lambda _: None, loop)
+        worker.close()
+        ending = Thread(target=worker.wait, daemon=True)
+        ending.start()
+        ending.join(LIMIT_S)
+    assert not ending.is_alive()
 
 
 def test_who_sends_waits_as_long_as_the_user_says(tmp_path: Path) -> None:
