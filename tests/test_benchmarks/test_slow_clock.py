@@ -1,6 +1,5 @@
 """A program on slower clocks sees its waits as long as it has asked for; they last longer."""
 
-import re
 import shutil
 import subprocess
 import sys
@@ -31,28 +30,25 @@ seen(lambda: select.select([], [], [], 0.1))
 seen(lambda: asyncio.run(asyncio.sleep(0.1)))
 seen(work)
 """
-WAITS, WAIT_S = 6, 0.1
+RATE, WAITS, WAIT_S = 0.2, 6, 0.1
 
 
 @pytest.mark.skipif(
     sys.platform != "linux" or not shutil.which("cc"), reason="needs Linux and a C compiler"
 )
 def test_waits_are_as_long_as_asked_by_slower_clocks() -> None:
-    command = [sys.executable, "-m", "benchmarks", "slow_clock", "0.1", sys.executable, "-c"]
+    command = [sys.executable, "-m", "benchmarks", "slow_clock", str(RATE), sys.executable, "-c"]
     start_s = time.monotonic()
     done = subprocess.run([*command, PROGRAM], capture_output=True, text=True, check=True)
     took_s = time.monotonic() - start_s
-    told = re.search(r"clocks at ([0-9.]+) of their rate", done.stderr)
-    assert told is not None
     waits = [tuple(map(float, line.split())) for line in done.stdout.splitlines()]
     assert len(waits) == WAITS
     for monotonic_s, real_time_s in waits:
         assert monotonic_s >= WAIT_S - 0.001 and abs(monotonic_s - real_time_s) < 0.01
-    # The rate is told with two digits.
-    assert took_s >= WAITS * WAIT_S / (float(told[1]) + 0.005)
+    assert took_s >= WAITS * (WAIT_S - 0.001) / RATE
 
 
 def test_clocks_are_not_made_faster() -> None:
-    command = [sys.executable, "-m", "benchmarks", "slow_clock", "1000", "true"]
+    command = [sys.executable, "-m", "benchmarks", "slow_clock", "1.5", "true"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2 and "only made slower" in done.stderr
