@@ -14,7 +14,6 @@ in seconds:
 import argparse
 import asyncio
 import json
-import subprocess
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
@@ -22,18 +21,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
-
-import aiohttp
+from typing import Any
 
 from benchmarks.call_delay.clip import write_empty_clip
-from benchmarks.command import PROGRAM, run
+from benchmarks.call_ends import first_told, line_with, page_of, start_end
+from benchmarks.command import run
 from benchmarks.measured_process import cpu_s
 from loopback.process_pair import busy_loops, free_port
-from shared_model.errors import UserError
 
 RUNS = 5
-# What an end says in the terminal, and on its page when it is ready.
-PAGE, SEEN, READY = "page is at", "is here", "looking for your face"
+# What an end says in the terminal when it sees the other one, and on its page when it is ready.
+SEEN, READY = "is here", "looking for your face"
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,47 +65,20 @@ def measure(clip: Path, nobody: Path, busy: int) -> Start:
     """Let one end call another.  clip, nobody: their cameras.  busy: loops beside it."""
     with ExitStack() as stack:
         where = f"127.0.0.1:{free_port()}"
-        waits = _end(stack, "--listen", where, "--camera", str(nobody))
-        asyncio.run(_ready(_await(waits, PAGE).split()[-1]))
+        waits = start_end(stack, "--listen", where, "--camera", str(nobody))
+        asyncio.run(first_told(page_of(waits), _is_ready))
         stack.enter_context(busy_loops(busy))
         start_s = time.monotonic()
-        calls = _end(stack, where, "--camera", str(clip))
-        _await(calls, PAGE)
+        calls = start_end(stack, where, "--camera", str(clip))
+        page_of(calls)
         page_s = time.monotonic() - start_s
-        _await(waits, SEEN)
+        line_with(waits, SEEN)
         seen_s = time.monotonic() - start_s
         return Start(page_s, seen_s, _cpu_of_family_s(calls.pid))
 
 
-def _end(stack: ExitStack, *arguments: str) -> "subprocess.Popen[str]":
-    """Start one end of a call, which is ended with the stack."""
-    process = stack.enter_context(
-        subprocess.Popen([*PROGRAM, "call", *arguments], stderr=subprocess.PIPE, text=True)
-    )
-    stack.callback(process.terminate)
-    return process
-
-
-def _await(process: "subprocess.Popen[str]", what: str) -> str:
-    """The next line of an end that says this."""
-    assert process.stderr is not None
-    for line in process.stderr:
-        if what in line:
-            return line
-    raise UserError("an end of the call has ended")
-
-
-async def _ready(page: str) -> None:
-    """Wait until the end with this page is ready."""
-    headers = {"Origin": page.rsplit("/", 2)[0]}
-    async with (
-        aiohttp.ClientSession() as client,
-        client.ws_connect(f"{page}ws", headers=headers, max_msg_size=0) as socket,
-    ):
-        async for message in socket:
-            if message.type is aiohttp.WSMsgType.TEXT and READY in message.data:
-                return
-    raise UserError("an end of the call has ended")
+def _is_ready(told: dict[str, Any]) -> bool | None:
+    return True if told["kind"] == "costs" and READY in told["text"] else None
 
 
 def _cpu_of_family_s(pid: int) -> float:

@@ -40,21 +40,21 @@ draws for them.  With --busy so many loops keep the cores busy beside it.  Print
 import argparse
 import asyncio
 import json
-import subprocess
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
-import aiohttp
 import numpy as np
 
 from benchmarks.browser import Browser, find_browser
 from benchmarks.call_delay.clip import SECONDS, is_open, write_clip, write_empty_clip
 from benchmarks.call_delay.seen_pictures import Seen, pictures_of, seen_quality
-from benchmarks.command import PROGRAM, run
+from benchmarks.call_ends import first_told, page_of, start_end
+from benchmarks.command import run
 from benchmarks.measured_process import cpu_s
 from benchmarks.played_letter import SOFTWARE_GL
 from loopback.process_pair import busy_loops, free_port
@@ -198,8 +198,9 @@ def measure(
     """
     with ExitStack() as stack:
         where, start_s = f"127.0.0.1:{free_port()}", time.monotonic()
-        sender = _end(stack, ["--listen", where, "--camera", str(cameras[0]), *more])
-        page = _end(stack, [where, "--camera", str(cameras[1]), *more])
+        listens = start_end(stack, "--listen", where, "--camera", str(cameras[0]), *more)
+        sender = page_of(listens)
+        page = page_of(start_end(stack, where, "--camera", str(cameras[1]), *more))
         browsers = [stack.enter_context(pages.open(folder / "browser", page))]
         if pages.both:
             browsers.append(stack.enter_context(pages.open(folder / "other", sender)))
@@ -211,7 +212,7 @@ def measure(
         before_s = receiving_cpu_s()
         pictures = pictures_of(browsers if with_pictures else [], seconds)
         cpu = (receiving_cpu_s() - before_s) / seconds
-        begun_ms, fps = asyncio.run(_begun(sender))
+        begun_ms, fps = asyncio.run(first_told(sender, _begun))
         seen, heard = (np.array(browsers[0].value(each)) for each in ("seen", "heard"))
         seen[:, 2] = begun_ms + 1000 / fps * seen[:, 2]
         return Notes(seen, heard, begun_ms, ready_s, cpu, pictures)
@@ -312,32 +313,11 @@ def lag_s(time_s: Array, level: Array) -> tuple[float, float]:
     return float(best_s), match(best_s)
 
 
-async def _begun(page: str) -> tuple[float, float]:
+def _begun(told: dict[str, Any]) -> tuple[float, float] | None:
     """When the camera of an end has begun, ms since 1970, and its rate, as its page is told."""
-    headers = {"Origin": page.rsplit("/", 2)[0]}
-    async with (
-        aiohttp.ClientSession() as client,
-        client.ws_connect(f"{page}ws", headers=headers, max_msg_size=0) as socket,
-    ):
-        async for message in socket:
-            if message.type is aiohttp.WSMsgType.TEXT:
-                told = json.loads(message.data)
-                if told["kind"] == "costs" and told["begun_ms"]:
-                    return float(told["begun_ms"]), float(told["fps"])
-    raise UserError("the other end has not begun")
-
-
-def _end(stack: ExitStack, arguments: list[str]) -> str:
-    """Start one end of a call, which is ended with the stack; returns the address of its page."""
-    process = stack.enter_context(
-        subprocess.Popen([*PROGRAM, "call", *arguments], stderr=subprocess.PIPE, text=True)
-    )
-    stack.callback(process.terminate)
-    assert process.stderr is not None
-    for line in process.stderr:
-        if "page is at" in line:
-            return line.split()[-1]
-    raise UserError("an end of the call did not start")
+    if told["kind"] == "costs" and told["begun_ms"]:
+        return float(told["begun_ms"]), float(told["fps"])
+    return None
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """What the workers of a call need, loaded by the fork server that becomes them: libraries for all
 of them, compiled loops for who sends and who learns, which are asked for later."""
 
-from functools import cache
 from importlib import import_module
 
 from runtime.child_process import start_fork_server
@@ -27,8 +26,10 @@ def load_libraries() -> None:
         import_module(f"risorius.live_call.{worker}")
 
 
-@cache
 def load_loops() -> None:
     """Load the compiled loops of all workers."""
-    import_module("decoder.scene.decoded_model").load_loops()
-    import_module("encoder.live_model.warm_up").load()
+    from decoder.scene.decoded_model import load_loops as load_loops_of_decoder
+    from encoder.live_model.warm_up import load
+
+    load_loops_of_decoder()
+    load()
